@@ -1,0 +1,94 @@
+// Fluence, the track-length estimator: each flight adds power times length to every
+// cell of the light field that it crosses, as a rounded integer; or, with sign -1,
+// takes exactly that out again.
+
+import package::shared::counter::{DEPOSITS, CLAMPED};
+import package::shared::item::item_index;
+import package::shared::light::emit;
+import package::shared::photon::{PhotonParams, identify};
+import package::shared::scene::frame;
+import package::shared::slot::{EMPTY, slot_kind, slot_of, unpack_power};
+import package::shared::sum64::rounded;
+import package::shared::walk::{line, walk_begin, walk_leave, walk_step};
+import package::constants::GROUP;
+
+@group(0) @binding(8) var<uniform> params: PhotonParams;
+@group(0) @binding(9) var<storage, read> places: array<vec4<u32>>;
+@group(0) @binding(10) var<storage, read> states: array<vec4<u32>>;
+@group(0) @binding(11) var<storage, read_write> red: array<atomic<u32>>;
+@group(0) @binding(12) var<storage, read_write> green: array<atomic<u32>>;
+@group(0) @binding(13) var<storage, read_write> blue: array<atomic<u32>>;
+@group(0) @binding(14) var<storage, read_write> counters: array<atomic<u32>>;
+
+fn count(which: u32, amount: u32) {
+    if amount == 0u { return; }
+    let low = atomicAdd(&counters[2u * which], amount);
+    if low + amount < low { atomicAdd(&counters[2u * which + 1u], 1u); }
+}
+
+fn add_word(channel: u32, word: u32, value: u32) -> u32 {
+    switch channel {
+        case 0u: { return atomicAdd(&red[word], value); }
+        case 1u: { return atomicAdd(&green[word], value); }
+        default: { return atomicAdd(&blue[word], value); }
+    }
+}
+
+// Taking out is adding the two's complement, so both are one wrapping 64-bit sum.
+fn add(channel: u32, cell: u32, value: u32) {
+    if value == 0u { return; }
+    let low = select(0u - value, value, params.sign > 0);
+    let before = add_word(channel, 2u * cell, low);
+    let high = select(0xffffffffu, 0u, params.sign > 0) + u32(before + low < before);
+    if high != 0u { _ = add_word(channel, 2u * cell + 1u, high); }
+}
+
+@compute @workgroup_size(GROUP)
+fn main(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let item = item_index(group, groups, local);
+    if item >= params.items { return; }
+    let at = params.first_item + item;
+    let state = states[at];
+    if slot_kind(state) == EMPTY { return; }
+    let slot = slot_of(places[at], state);
+
+    var start: vec3<f32>;
+    if at >= params.photons {
+        start = bitcast<vec3<f32>>(places[at - params.photons].xyz);
+    } else {
+        let id = identify(params.first_photon + at);
+        start = emit(id.light, id.index).position;
+    }
+    let way = slot.position - start;
+    let length = length(way);
+    if !(length > 0.0) { return; }
+    let l = line(start, way / length);
+    let power = unpack_power(slot.power) * params.scale;
+    let edge = frame.extent / vec3<f32>(params.grid);
+    var w = walk_begin(l, 0.0, edge, params.grid);
+    var t = 0.0;
+    var deposits = 0u;
+    var clamped = 0u;
+    loop {
+        let leave = min(walk_leave(w), length);
+        let crossed = max(leave - t, 0.0);
+        let c = vec3<u32>(w.cell);
+        let cell = (c.z * params.grid.y + c.y) * params.grid.x + c.x;
+        let r = rounded(power.r * crossed);
+        let g = rounded(power.g * crossed);
+        let b = rounded(power.b * crossed);
+        add(0u, cell, r.value);
+        add(1u, cell, g.value);
+        add(2u, cell, b.value);
+        clamped += u32(r.clamped) + u32(g.clamped) + u32(b.clamped);
+        deposits++;
+        t = max(leave, t);
+        if leave >= length || !walk_step(&w, l, edge, params.grid) { break; }
+    }
+    count(DEPOSITS, deposits);
+    count(CLAMPED, clamped);
+}

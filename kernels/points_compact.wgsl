@@ -1,0 +1,25 @@
+// Live slots side by side, each with the key of its cell. `places_of` is the prefix sum
+// of the marks.
+
+import package::shared::item::item_index;
+import package::shared::points::{PointsParams, points_cell, points_key};
+import package::constants::GROUP;
+
+@group(0) @binding(8) var<uniform> params: PointsParams;
+@group(0) @binding(9) var<storage, read> places: array<vec4<u32>>;
+@group(0) @binding(10) var<storage, read> ranks: array<u32>;
+@group(0) @binding(11) var<storage, read_write> keys: array<u32>;
+@group(0) @binding(12) var<storage, read_write> slots: array<u32>;
+
+@compute @workgroup_size(GROUP)
+fn main(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let slot = item_index(group, groups, local);
+    if slot >= params.count || ranks[slot] == ranks[slot + 1u] { return; }
+    let position = bitcast<vec3<f32>>(places[slot].xyz);
+    keys[ranks[slot]] = points_key(points_cell(position, params), params);
+    slots[ranks[slot]] = slot;
+}

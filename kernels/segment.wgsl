@@ -1,0 +1,157 @@
+// View-ray segments: colour, transmittance and history of each, H(2) and H(3), from
+// the light field. A work item is a segment of the band.
+//
+// Under nearest filtering the ray is walked voxel by voxel, and each is integrated in
+// closed form; under linear filtering it is sampled on a lattice anchored to the
+// volume's bounds. With several photon batches the six words of a segment hold its
+// integer sums until the last batch turns them into colour.
+
+import package::constants::GROUP;
+import package::shared::counter::{CLAMPED, GATHERED, SAMPLES};
+import package::shared::item::item_index;
+import package::shared::scene::{
+    frame, optics, emission, cell_masks, entry_at, bin_bit, cell_index
+};
+import package::shared::segment::{SegmentParams, Span, span_of};
+@if(fluence) import package::shared::source_fluence::{Gathered, gather, radiance_of};
+@if(!fluence) import package::shared::source_points::{Gathered, gather, radiance_of};
+import package::shared::walk::{Line, walk_begin, walk_leave, walk_step};
+
+@group(0) @binding(7) var<storage, read_write> counters: array<atomic<u32>>;
+@group(0) @binding(8) var<uniform> params: SegmentParams;
+@group(0) @binding(9) var<storage, read> work: array<u32>;
+@group(0) @binding(10) var<storage, read_write> segment_words: array<u32>;
+
+const WORDS: u32 = 6u;
+
+struct March {
+    light: Gathered,
+    glow: vec3<f32>,         // emission seen
+    transmittance: f32,
+    history: vec2<u32>,
+    samples: u32,
+}
+
+// One interval of constant value: its in-scattered light and emission, then its loss.
+fn interval(ray: Line, t: f32, length: f32, march: ptr<function, March>) {
+    let point = ray.origin + ray.direction * t;
+    let entry = entry_at(point);
+    let o = optics[entry];
+    @if(history) { (*march).history |= bin_bit(o.bin); }
+    (*march).samples++;
+    let passed = exp(-o.extinction * length);
+    let lost = (*march).transmittance * (1.0 - passed);
+    var along = (*march).transmittance * length;
+    if o.extinction > 0.0 { along = lost / o.extinction; }
+    @if(emission) { (*march).glow += along * emission[entry].rgb; }
+    @if(fluence || even) let weight = lost;
+    @if(!fluence && !even) let weight = along;
+    if weight > 0.0 {
+        let weighted = weight * params.scale;
+        (*march).light = gather(point, entry, weighted, -ray.direction, (*march).light);
+    }
+    (*march).transmittance *= passed;
+}
+
+@if(nearest)
+fn march_span(span: Span, march: ptr<function, March>) {
+    let length = span.leave - span.enter;
+    let begin = span.enter + length * (f32(span.index) / f32(params.segments));
+    let end = span.enter + length * (f32(span.index + 1u) / f32(params.segments));
+    if !(end > begin) { return; }
+    let edge = 1.0 / frame.per_voxel;
+    var t = begin;
+    var w = walk_begin(span.ray, t, edge, frame.size);
+    loop {
+        let leave = min(walk_leave(w), end);
+        if leave > t {
+            var vacant = false;
+            @if(skip) {
+                let mask = cell_masks[cell_index(vec3<i32>(vec3<u32>(w.cell) / package::constants::CELL_EDGE))];
+                vacant = all((mask & frame.visible_bins) == vec2<u32>(0u));
+                @if(history) { if vacant { (*march).history |= mask; } }
+            }
+            if !vacant { interval(span.ray, 0.5 * (t + leave), leave - t, march); }
+            t = leave;
+        }
+        if leave >= end || !walk_step(&w, span.ray, edge, frame.size) { break; }
+    }
+}
+
+@if(!nearest)
+fn march_span(span: Span, march: ptr<function, March>) {
+    let length = span.leave - span.enter;
+    if !(length > 0.0) { return; }
+    let samples = u32(ceil(length / frame.step));
+    let h = length / f32(samples);
+    let end = samples * (span.index + 1u) / params.segments;
+    var i = samples * span.index / params.segments;
+    @if(skip) var w = walk_begin(span.ray, span.enter + (f32(i) + 0.5) * h, frame.cell_mm, frame.cells);
+    while i < end {
+        let t = span.enter + (f32(i) + 0.5) * h;
+        @if(skip) {
+            while walk_leave(w) <= t && walk_step(&w, span.ray, frame.cell_mm, frame.cells) {}
+            let at = clamp(w.cell, vec3<i32>(0), vec3<i32>(frame.cells) - 1);
+            let mask = cell_masks[cell_index(at)];
+            if all((mask & frame.visible_bins) == vec2<u32>(0u)) {
+                @if(history) { (*march).history |= mask; }
+                // The last sample before the cell's end, less one for rounding's sake.
+                let beyond = (walk_leave(w) - span.enter) / h - 1.5;
+                i = max(i + 1u, u32(clamp(beyond, 0.0, f32(end))));
+                continue;
+            }
+        }
+        interval(span.ray, t, h, march);
+        i++;
+    }
+}
+
+fn count(which: u32, amount: u32) {
+    if amount == 0u { return; }
+    let low = atomicAdd(&counters[2u * which], amount);
+    if low + amount < low { atomicAdd(&counters[2u * which + 1u], 1u); }
+}
+
+@compute @workgroup_size(GROUP)
+fn main(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let item = item_index(group, groups, local);
+    if item >= params.items { return; }
+    let task = work[params.first_item + item];
+    let at = WORDS * task;
+
+    var march: March;
+    march.transmittance = 1.0;
+    @if(!fluence) {
+        if params.batch_first == 0u {
+            march.light.red = vec2(segment_words[at], segment_words[at + 1u]);
+            march.light.green = vec2(segment_words[at + 2u], segment_words[at + 3u]);
+            march.light.blue = vec2(segment_words[at + 4u], segment_words[at + 5u]);
+        }
+    }
+    march_span(span_of(params, task), &march);
+    count(CLAMPED, march.light.clamped);
+    count(GATHERED, march.light.tested);
+    count(SAMPLES, march.samples);
+    @if(!fluence) {
+        if params.batch_last == 0u {
+            segment_words[at] = march.light.red.x;
+            segment_words[at + 1u] = march.light.red.y;
+            segment_words[at + 2u] = march.light.green.x;
+            segment_words[at + 3u] = march.light.green.y;
+            segment_words[at + 4u] = march.light.blue.x;
+            segment_words[at + 5u] = march.light.blue.y;
+            return;
+        }
+    }
+    let colour = radiance_of(march.light, params.scale) + march.glow;
+    segment_words[at] = bitcast<u32>(colour.r);
+    segment_words[at + 1u] = bitcast<u32>(colour.g);
+    segment_words[at + 2u] = bitcast<u32>(colour.b);
+    segment_words[at + 3u] = bitcast<u32>(march.transmittance);
+    segment_words[at + 4u] = march.history.x;
+    segment_words[at + 5u] = march.history.y;
+}

@@ -1,0 +1,24 @@
+// The points light field: photons sorted by the cell of a grid whose edge is the
+// gather radius, H(8). The key is the cell's index, x fastest, so the three cells of a
+// row are one run of the sorted list. `starts` says where each bucket of 2^shift
+// consecutive keys begins; a bucket may hold more than the cells asked for, and the
+// distance test tells.
+
+struct PointsParams {
+    grid: vec3<u32>,       // hash cells
+    count: u32,            // slots to look at, or sorted points
+    radius: f32,           // mm
+    shift: u32,
+    buckets: u32,
+    kernel: f32,           // 1 / (4/3 pi r^3)
+}
+
+fn points_cell(position: vec3<f32>, params: PointsParams) -> vec3<i32> {
+    let cell = vec3<i32>(floor(position / params.radius));
+    return clamp(cell, vec3<i32>(0), vec3<i32>(params.grid) - 1);
+}
+
+fn points_key(cell: vec3<i32>, params: PointsParams) -> u32 {
+    let c = vec3<u32>(cell);
+    return (c.z * params.grid.y + c.y) * params.grid.x + c.x;
+}

@@ -1,0 +1,77 @@
+// What every stage may look at: the volume, the transfer function, the macro-cells.
+//
+// Kernels work in the volume's own frame: millimetres along its axes from the outer
+// corner of voxel 0. The host brings lights and camera there.
+
+import package::constants::{TABLE_ENTRIES, CELL_EDGE};
+
+struct Frame {
+    size: vec3<u32>,          // voxels
+    seed: u32,                // hashed
+    extent: vec3<f32>,        // mm
+    bias: f32,                // v = (stored - bias) * gain is in [0, 1]
+    per_voxel: vec3<f32>,     // voxels per mm
+    gain: f32,
+    cells: vec3<u32>,         // macro-cells along each axis
+    majorant: f32,            // 1/mm, the scene's fixed rate of tentative collisions
+    cell_mm: vec3<f32>,       // edge of a macro-cell
+    step: f32,                // mm between march samples under the linear filter
+    opaque_bins: vec2<u32>,   // bins with any extinction
+    visible_bins: vec2<u32>,  // bins with any extinction or emission
+}
+
+// What decides a collision, and the historygram bin of a table entry.
+struct Optics {
+    extinction: f32,  // 1/mm
+    bin: u32,
+}
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+@if(float_voxels) @group(0) @binding(1) var volume: texture_3d<f32>;
+@if(!float_voxels) @group(0) @binding(1) var volume: texture_3d<u32>;
+@group(0) @binding(2) var<storage, read> optics: array<Optics>;
+// scatter * colour, and g of Henyey and Greenstein, of each entry
+@group(0) @binding(3) var<uniform> scattering: array<vec4<f32>, TABLE_ENTRIES>;
+// emitted radiance per mm of each entry
+@group(0) @binding(4) var<uniform> emission: array<vec4<f32>, TABLE_ENTRIES>;
+// bins that a macro-cell can produce under the volume filter
+@group(0) @binding(5) var<storage, read> cell_masks: array<vec2<u32>>;
+
+fn voxel(at: vec3<i32>) -> f32 {
+    let inside = clamp(at, vec3<i32>(0), vec3<i32>(frame.size) - 1);
+    return f32(textureLoad(volume, inside, 0).r);
+}
+
+// Table entry of the value at a point: min(floor(v * 4096), 4095).
+fn entry_of(stored: f32) -> u32 {
+    let v = (stored - frame.bias) * frame.gain;
+    return min(u32(max(v, 0.0) * f32(TABLE_ENTRIES)), TABLE_ENTRIES - 1u);
+}
+
+@if(nearest)
+fn entry_at(point: vec3<f32>) -> u32 {
+    return entry_of(voxel(vec3<i32>(floor(point * frame.per_voxel))));
+}
+
+@if(!nearest)
+fn entry_at(point: vec3<f32>) -> u32 {
+    let at = point * frame.per_voxel - 0.5;
+    let base = floor(at);
+    let f = at - base;
+    let i = vec3<i32>(base);
+    let x00 = mix(voxel(i), voxel(i + vec3(1, 0, 0)), f.x);
+    let x10 = mix(voxel(i + vec3(0, 1, 0)), voxel(i + vec3(1, 1, 0)), f.x);
+    let x01 = mix(voxel(i + vec3(0, 0, 1)), voxel(i + vec3(1, 0, 1)), f.x);
+    let x11 = mix(voxel(i + vec3(0, 1, 1)), voxel(i + vec3(1, 1, 1)), f.x);
+    return entry_of(mix(mix(x00, x10, f.y), mix(x01, x11, f.y), f.z));
+}
+
+// The historygram of one table entry, H(11) with the top bin mended.
+fn bin_bit(bin: u32) -> vec2<u32> {
+    return select(vec2<u32>(0u, 1u << (bin & 31u)), vec2<u32>(1u << bin, 0u), bin < 32u);
+}
+
+fn cell_index(cell: vec3<i32>) -> u32 {
+    let c = vec3<u32>(cell);
+    return (c.z * frame.cells.y + c.y) * frame.cells.x + c.x;
+}

@@ -1,0 +1,23 @@
+// Sums of light are integers: each contribution is scaled, rounded once, and added to
+// a wrapping 64-bit sum of two words. Integer addition has no order and an exact
+// inverse. A contribution that does not fit 32 bits is clamped, and that is counted.
+
+struct Rounded {
+    value: u32,
+    clamped: bool,
+}
+
+const LARGEST: f32 = 4294967040.0;  // the greatest f32 below 2^32
+
+fn rounded(contribution: f32) -> Rounded {
+    return Rounded(u32(clamp(contribution + 0.5, 0.0, LARGEST)), !(contribution < LARGEST));
+}
+
+fn add_with_carry(sum: vec2<u32>, value: u32) -> vec2<u32> {
+    let low = sum.x + value;
+    return vec2<u32>(low, sum.y + select(0u, 1u, low < value));
+}
+
+fn sum_to_float(sum: vec2<u32>) -> f32 {
+    return f32(sum.y) * 4294967296.0 + f32(sum.x);
+}

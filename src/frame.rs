@@ -1,0 +1,231 @@
+//! The scene on the device: volume, transfer function, macro-cells, lights.
+
+use glam::DAffine3;
+
+use crate::error::{Error, Result};
+use crate::gpu::Gpu;
+use crate::gpu::layout::shared_struct;
+use crate::gpu::run::Bindings;
+use crate::light::{Lights, hash};
+use crate::scene::{Filter, Scene};
+use crate::transfer::{Bins, TABLE_ENTRIES, Table};
+use crate::volume::cells::{CELL_EDGE, MacroCells};
+use crate::volume::{Volume, Voxels};
+
+shared_struct! {
+    /// What every kernel may look at; lengths in mm along the volume's axes.
+    pub struct Frame {
+        /// Voxels.
+        pub size: [u32; 3],
+        /// Hashed seed.
+        pub seed: u32,
+        /// Extent of the bounds, mm.
+        pub extent: [f32; 3],
+        /// `v = (stored - bias) * gain` is in [0, 1].
+        pub bias: f32,
+        /// Voxels per mm.
+        pub per_voxel: [f32; 3],
+        /// See `bias`.
+        pub gain: f32,
+        /// Macro-cells along each axis.
+        pub cells: [u32; 3],
+        /// The scene's fixed rate of tentative collisions, 1/mm.
+        pub majorant: f32,
+        /// Edge of a macro-cell, mm.
+        pub cell_mm: [f32; 3],
+        /// March step under the linear filter, mm.
+        pub step: f32,
+        /// Bins with any extinction.
+        pub opaque_bins: [u32; 2],
+        /// Bins with any extinction or emission.
+        pub visible_bins: [u32; 2],
+    }
+}
+
+shared_struct! {
+    /// What decides a collision, and the bin of a table entry.
+    pub struct Optics {
+        /// 1/mm.
+        pub extinction: f32,
+        /// Historygram bin, 0 to 63.
+        pub bin: u32,
+    }
+}
+
+/// The scene on the device.
+pub struct DeviceScene {
+    /// Constants of the scene.
+    pub frame: Frame,
+    /// From world mm to the volume's own frame.
+    pub local_from_world: DAffine3,
+    /// The transfer function.
+    pub table: Table,
+    /// The lights.
+    pub lights: Lights,
+    /// What blocks of voxels can look like.
+    pub cells: MacroCells,
+    nearest: bool,
+    float_voxels: bool,
+    skip: bool,
+    history: bool,
+    frame_buffer: wgpu::Buffer,
+    volume: wgpu::TextureView,
+    volume_bytes: u64,
+    optics: wgpu::Buffer,
+    scattering: wgpu::Buffer,
+    emission: wgpu::Buffer,
+    cell_masks: wgpu::Buffer,
+    lights_buffer: wgpu::Buffer,
+}
+
+impl DeviceScene {
+    /// Uploads a settled scene with its volume.
+    ///
+    /// # Errors
+    /// The scene is not settled, or the device refuses.
+    pub fn new(gpu: &Gpu, scene: &Scene, volume: &Volume) -> Result<Self> {
+        let settings = &scene.settings;
+        let majorant = settings
+            .majorant
+            .ok_or_else(|| Error::setting("the scene has no majorant: settle it first"))?;
+        let table = Table::build(&scene.materials, volume.range(), Some(majorant));
+        let bins = Bins::uniform();
+        let cells = MacroCells::of(volume);
+        let local_from_world = volume.local_from_world();
+        let lights = Lights::of(scene, &local_from_world)?;
+        let (bias, gain) = volume.unit_map();
+        let spacing = volume.spacing().as_vec3();
+        let frame = Frame {
+            size: volume.size(),
+            seed: hash(settings.seed),
+            extent: volume.extent().as_vec3().to_array(),
+            bias,
+            per_voxel: spacing.recip().to_array(),
+            gain,
+            cells: cells.counts,
+            majorant: majorant as f32,
+            cell_mm: (spacing * CELL_EDGE as f32).to_array(),
+            step: spacing.min_element() * settings.step as f32,
+            opaque_bins: bins_where(&bins, |e| table.extinction[e] > 0.0),
+            visible_bins: bins_where(&bins, |e| !table.is_empty_entry(e)),
+        };
+        let optics: Vec<_> = (0..TABLE_ENTRIES)
+            .map(|e| Optics { extinction: table.extinction[e], bin: bins.bin_of_entry[e] })
+            .collect();
+        let scattering: Vec<_> = (0..TABLE_ENTRIES)
+            .map(|e| {
+                let [r, g, b] = table.albedo(e);
+                [r, g, b, table.phase_g[e]]
+            })
+            .collect();
+        let emission: Vec<_> = table.emission.iter().map(|&[r, g, b]| [r, g, b, 0.0]).collect();
+        let (volume_view, volume_bytes) = upload_volume(gpu, volume)?;
+        Ok(Self {
+            frame_buffer: gpu.upload("frame", &[frame])?,
+            optics: gpu.upload("optics", &optics)?,
+            scattering: gpu.upload("scattering", &scattering)?,
+            emission: gpu.upload("emission", &emission)?,
+            cell_masks: gpu.upload("cell masks", &cells.masks(&bins))?,
+            lights_buffer: gpu.upload("lights", &[lights])?,
+            volume: volume_view,
+            volume_bytes,
+            nearest: scene.filter == Filter::Nearest,
+            float_voxels: matches!(volume.voxels(), Voxels::F32(_)),
+            skip: settings.skip_empty,
+            history: settings.history,
+            frame,
+            local_from_world,
+            table,
+            lights,
+            cells,
+        })
+    }
+
+    /// The scene's resources, by the names that the kernels give them.
+    pub fn bindings(&self) -> Bindings<'_> {
+        vec![
+            ("frame", (&self.frame_buffer).into()),
+            ("volume", (&self.volume).into()),
+            ("optics", (&self.optics).into()),
+            ("scattering", (&self.scattering).into()),
+            ("emission", (&self.emission).into()),
+            ("cell_masks", (&self.cell_masks).into()),
+            ("lights", (&self.lights_buffer).into()),
+        ]
+    }
+
+    /// The flags of a kernel that this scene sets, among those that it knows.
+    pub fn flags(&self, known: &[&'static str]) -> Vec<&'static str> {
+        let all = [
+            ("nearest", self.nearest),
+            ("float_voxels", self.float_voxels),
+            ("skip", self.skip),
+            ("history", self.history),
+            ("anisotropic", !self.table.is_isotropic()),
+            ("emission", self.table.emission.iter().any(|e| *e != [0.0; 3])),
+        ];
+        all.iter().filter(|(flag, on)| *on && known.contains(flag)).map(|(flag, _)| *flag).collect()
+    }
+
+    /// Bytes of the volume and of the macro-cells.
+    pub fn bytes(&self) -> Vec<(&'static str, u64)> {
+        vec![("volume", self.volume_bytes), ("cell masks", self.cell_masks.size())]
+    }
+}
+
+fn bins_where(bins: &Bins, holds: impl Fn(usize) -> bool) -> [u32; 2] {
+    let mask = (0..TABLE_ENTRIES).filter(|&e| holds(e)).fold(0, |mask, e| mask | bins.bit(e));
+    [mask as u32, (mask >> 32) as u32]
+}
+
+/// A texture rather than a buffer: its size is not bound by a binding's.
+fn upload_volume(gpu: &Gpu, volume: &Volume) -> Result<(wgpu::TextureView, u64)> {
+    let [width, height, depth] = volume.size();
+    if volume.size().iter().any(|&n| n > gpu.max_edge()) {
+        return Err(Error::capacity(
+            "volume",
+            format!(
+                "a volume of {width}x{height}x{depth} voxels exceeds the adapter's limit of {} along \
+                 an axis; resample it",
+                gpu.max_edge()
+            ),
+        ));
+    }
+    let (bytes, format): (&[u8], _) = match volume.voxels() {
+        Voxels::U8(data) => (data, wgpu::TextureFormat::R8Uint),
+        Voxels::U16(data) => (bytemuck::cast_slice(data), wgpu::TextureFormat::R16Uint),
+        Voxels::F32(data) => (bytemuck::cast_slice(data), wgpu::TextureFormat::R32Float),
+    };
+    let layer = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
+    let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
+        label: Some("volume"),
+        size: wgpu::Extent3d { depth_or_array_layers: depth, ..layer },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D3,
+        format,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    });
+    gpu.check("volume")?;
+    let layer_bytes = bytes.len() / depth as usize;
+    for (z, slab) in bytes.chunks(layer_bytes).enumerate() {
+        gpu.queue().write_texture(
+            wgpu::TexelCopyTextureInfo {
+                texture: &texture,
+                mip_level: 0,
+                origin: wgpu::Origin3d { x: 0, y: 0, z: z as u32 },
+                aspect: wgpu::TextureAspect::All,
+            },
+            slab,
+            wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some((layer_bytes / height as usize) as u32),
+                rows_per_image: None,
+            },
+            layer,
+        );
+    }
+    gpu.check("volume")?;
+    Ok((texture.create_view(&Default::default()), bytes.len() as u64))
+}

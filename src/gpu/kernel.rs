@@ -1,0 +1,169 @@
+//! Kernels: WGSL with imports from `kernels/shared/`, specialised by feature flags.
+//!
+//! Sources are embedded. A kernel is composed by WESL (imports, `@if(flag)`),
+//! reflected by naga, and its bindings are found by name, so that the host never
+//! repeats a binding number. Constants used on both sides come from Rust through
+//! the generated module `constants`.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use include_dir::{Dir, include_dir};
+use wesl::syntax::{ModulePath, PathOrigin};
+use wesl::{CompileOptions, Feature, Features, ManglerKind, VirtualResolver, Wesl};
+use wgpu::naga;
+
+use super::{GROUP, Gpu, lock};
+use crate::error::{Error, Result};
+
+static SOURCES: Dir = include_dir!("$CARGO_MANIFEST_DIR/kernels");
+
+/// Every kernel with the flags that specialise it. A flag missing here does not exist.
+pub const KERNELS: &[(&str, &[&str])] = &[
+    ("scan_blocks", &[]),
+    ("scan_add", &[]),
+    ("sort_count", &[]),
+    ("sort_scatter", &[]),
+    ("trace", &["nearest", "float_voxels", "anisotropic", "history", "skip"]),
+    ("deposit", &[]),
+    ("resolve", &[]),
+    ("points_mark", &[]),
+    ("points_compact", &[]),
+    ("points_record", &["nearest", "float_voxels", "even", "anisotropic"]),
+    ("points_starts", &[]),
+    (
+        "segment",
+        &["fluence", "even", "anisotropic", "nearest", "float_voxels", "emission", "history", "skip"],
+    ),
+    ("composite", &[]),
+    ("reference", &["nearest", "float_voxels", "anisotropic", "emission"]),
+    ("probe", &["nearest", "float_voxels", "anisotropic", "history", "skip"]),
+];
+
+/// A compiled kernel.
+pub struct Kernel {
+    /// The name of its file, and of its dispatches.
+    pub name: &'static str,
+    pub(crate) pipeline: wgpu::ComputePipeline,
+    /// Binding number by variable name.
+    pub(crate) bindings: BTreeMap<String, u32>,
+}
+
+/// WGSL of a kernel with the given flags set.
+///
+/// # Errors
+/// The sources do not compose; a fault of this program, never of a user.
+pub fn compose(name: &str, flags: &[&str]) -> Result<String> {
+    let known = KERNELS.iter().find(|(kernel, _)| *kernel == name);
+    let known = known.ok_or_else(|| Error::device(name, "no such kernel is declared"))?.1;
+    if let Some(flag) = flags.iter().find(|flag| !known.contains(flag)) {
+        return Err(Error::device(name, format!("the flag `{flag}` is not declared")));
+    }
+    compose_unchecked(name, flags)
+}
+
+/// [`compose`] without asking whether the kernel declares the flags: a test asks whether
+/// those that it does not declare make no difference.
+///
+/// # Errors
+/// As [`compose`].
+pub fn compose_unchecked(name: &str, flags: &[&str]) -> Result<String> {
+    let mut resolver = VirtualResolver::new();
+    for file in SOURCES.files().chain(SOURCES.get_dir("shared").into_iter().flat_map(Dir::files)) {
+        let components = file.path().with_extension("");
+        let components = components.iter().map(|c| c.to_string_lossy().into_owned()).collect();
+        let text = file.contents_utf8().unwrap_or_default();
+        resolver.add_module(ModulePath::new(PathOrigin::Absolute, components), text.into());
+    }
+    let constants = ModulePath::new(PathOrigin::Absolute, vec!["constants".into()]);
+    resolver.add_module(constants, constants_module().into());
+    let mut compiler = Wesl::new("").set_custom_resolver(resolver);
+    compiler.set_mangler(ManglerKind::None);
+    compiler.set_options(CompileOptions {
+        features: Features {
+            default: Feature::Error,
+            // An imported module may know flags that matter to other kernels only.
+            flags: KERNELS
+                .iter()
+                .flat_map(|(_, known)| *known)
+                .map(|flag| (flag.to_string(), Feature::from(flags.contains(flag))))
+                .collect(),
+        },
+        ..Default::default()
+    });
+    let root = ModulePath::new(PathOrigin::Absolute, vec![name.to_owned()]);
+    let composed = compiler.compile(&root).map_err(|e| Error::device(name, e.to_string()))?;
+    Ok(composed.to_string())
+}
+
+/// The names of the kernel files, as the folder has them.
+pub fn kernel_files() -> Vec<String> {
+    let stems = SOURCES.files().filter_map(|f| f.path().file_stem());
+    stems.map(|stem| stem.to_string_lossy().into_owned()).collect()
+}
+
+/// Constants that host and kernels share, as a WGSL module.
+fn constants_module() -> String {
+    let constants: &[(&str, u32)] = &[
+        ("GROUP", GROUP),
+        ("TABLE_ENTRIES", crate::transfer::TABLE_ENTRIES as u32),
+        ("MAX_LIGHTS", crate::light::MAX_LIGHTS as u32),
+        ("LIGHT_POINT", crate::light::LIGHT_POINT),
+        ("LIGHT_DIRECTIONAL", crate::light::LIGHT_DIRECTIONAL),
+        ("LIGHT_RECTANGLE", crate::light::LIGHT_RECTANGLE),
+        ("LIGHT_SURROUNDINGS", crate::light::LIGHT_SURROUNDINGS),
+        ("CELL_EDGE", crate::volume::cells::CELL_EDGE),
+        ("SCAN_BLOCK", super::scan::SCAN_BLOCK),
+        ("SORT_BLOCK", super::sort::SORT_BLOCK),
+        ("RADIX", super::sort::RADIX),
+        ("RADIX_BITS", super::sort::RADIX_BITS),
+    ];
+    constants.iter().map(|(name, value)| format!("const {name}: u32 = {value}u;\n")).collect()
+}
+
+/// Parses composed WGSL.
+///
+/// # Errors
+/// The text is not WGSL.
+pub fn parse(name: &str, source: &str) -> Result<naga::Module> {
+    naga::front::wgsl::parse_str(source)
+        .map_err(|e| Error::device(name, e.emit_to_string_with_path(source, name)))
+}
+
+impl Gpu {
+    /// The kernel with these flags set, compiled at the first call.
+    ///
+    /// # Errors
+    /// The sources do not compose or the device refuses them.
+    pub fn kernel(&self, name: &'static str, flags: &[&'static str]) -> Result<Arc<Kernel>> {
+        let mut flags = flags.to_vec();
+        flags.sort_unstable();
+        let key = (name, flags);
+        if let Some(kernel) = lock(&self.kernels).get(&key) {
+            return Ok(kernel.clone());
+        }
+        let source = compose(name, &key.1)?;
+        let module = parse(name, &source)?;
+        let bindings = module
+            .global_variables
+            .iter()
+            .filter_map(|(_, v)| Some((v.name.clone()?, v.binding?.binding)))
+            .collect();
+        let shader = self.device().create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: Some(name),
+            source: wgpu::ShaderSource::Wgsl(source.into()),
+        });
+        let pipeline = self.device().create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(name),
+            layout: None,
+            module: &shader,
+            entry_point: None,
+            compilation_options: Default::default(),
+            cache: None,
+        });
+        self.check(name)?;
+        let kernel = Arc::new(Kernel { name, pipeline, bindings });
+        lock(&self.kernels).insert(key, kernel.clone());
+        Ok(kernel)
+    }
+}

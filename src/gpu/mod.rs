@@ -1,0 +1,371 @@
+//! The device: which adapter, what it allows, its buffers, and its errors.
+//!
+//! Nothing here knows about light. A validation error, a lost device or a refused
+//! allocation is caught by handlers and comes back from the next call as an
+//! [`Error`] that names the stage; nothing panics.
+
+pub mod kernel;
+pub mod layout;
+pub mod run;
+pub mod scan;
+pub mod sort;
+
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use wgpu::util::DeviceExt;
+
+use crate::error::{Error, Result};
+use kernel::Kernel;
+use run::Timings;
+
+/// Threads of a work group, in every kernel that works item by item.
+pub const GROUP: u32 = 64;
+
+/// How an adapter is chosen.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum AdapterChoice {
+    /// A discrete adapter, else an integrated, else a virtual, else the software one.
+    #[default]
+    Best,
+    /// The adapter at this place of [`adapters`].
+    Index(usize),
+    /// The first adapter whose name contains this, whatever the case.
+    Name(String),
+}
+
+impl std::str::FromStr for AdapterChoice {
+    type Err = std::convert::Infallible;
+
+    fn from_str(text: &str) -> std::result::Result<Self, Self::Err> {
+        Ok(text.parse().map_or_else(|_| Self::Name(text.to_lowercase()), Self::Index))
+    }
+}
+
+/// One adapter of this machine, with the limits that matter here.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct AdapterReport {
+    /// Place in the list, as `--adapter INDEX` takes it.
+    pub index: usize,
+    /// Name as the driver gives it.
+    pub name: String,
+    /// Vulkan, Metal or Dx12.
+    pub backend: String,
+    /// Discrete, integrated, virtual or software.
+    pub kind: &'static str,
+    /// Driver and its version.
+    pub driver: String,
+    /// Largest buffer, bytes.
+    pub max_buffer_size: u64,
+    /// Largest part of a buffer that a kernel can see, bytes.
+    pub max_binding_size: u64,
+    /// Largest edge of a volume, voxels.
+    pub max_texture_3d: u32,
+    /// Whether the device can time its own work.
+    pub timestamps: bool,
+}
+
+/// A device with its queue, kernels and times.
+pub struct Gpu {
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    report: AdapterReport,
+    limits: wgpu::Limits,
+    /// Nanoseconds per tick, where the device has timestamps.
+    tick: Option<f32>,
+    faults: Arc<Mutex<Vec<String>>>,
+    kernels: Mutex<HashMap<(&'static str, Vec<&'static str>), Arc<Kernel>>>,
+    timings: Mutex<Timings>,
+    slice_budget: Duration,
+}
+
+/// Work that another thread left half-done is still data: a poisoned lock is entered.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn instance() -> wgpu::Instance {
+    wgpu::Instance::new(wgpu::InstanceDescriptor {
+        backends: wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12,
+        ..wgpu::InstanceDescriptor::new_without_display_handle()
+    })
+}
+
+fn kind(info: &wgpu::AdapterInfo) -> (&'static str, u32) {
+    match info.device_type {
+        wgpu::DeviceType::DiscreteGpu => ("discrete", 0),
+        wgpu::DeviceType::IntegratedGpu => ("integrated", 1),
+        wgpu::DeviceType::VirtualGpu => ("virtual", 2),
+        wgpu::DeviceType::Cpu => ("software", 3),
+        wgpu::DeviceType::Other => ("other", 4),
+    }
+}
+
+fn describe(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
+    let (info, limits) = (adapter.get_info(), adapter.limits());
+    AdapterReport {
+        index,
+        kind: kind(&info).0,
+        backend: info.backend.to_string(),
+        driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
+        name: info.name,
+        max_buffer_size: limits.max_buffer_size,
+        max_binding_size: limits.max_storage_buffer_binding_size,
+        max_texture_3d: limits.max_texture_dimension_3d,
+        timestamps: adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY),
+    }
+}
+
+/// Every adapter of this machine, in the driver's order.
+pub fn adapters() -> Vec<AdapterReport> {
+    let found = pollster::block_on(instance().enumerate_adapters(wgpu::Backends::all()));
+    found.iter().enumerate().map(|(index, adapter)| describe(index, adapter)).collect()
+}
+
+impl Gpu {
+    /// Opens the chosen adapter.
+    ///
+    /// # Errors
+    /// No adapter, none of that name or index, or one below WebGPU's default limits.
+    pub fn open(choice: &AdapterChoice) -> Result<Self> {
+        let adapters = pollster::block_on(instance().enumerate_adapters(wgpu::Backends::all()));
+        if adapters.is_empty() {
+            return Err(Error::Adapter {
+                what: "no Vulkan, Metal or DirectX 12 adapter was found; run ./setup.sh to install \
+                       a Vulkan loader and Mesa's software driver"
+                    .into(),
+            });
+        }
+        let index = match choice {
+            AdapterChoice::Best => {
+                (0..adapters.len()).min_by_key(|&i| kind(&adapters[i].get_info()).1)
+            }
+            AdapterChoice::Index(i) => Some(*i).filter(|&i| i < adapters.len()),
+            AdapterChoice::Name(name) => adapters
+                .iter()
+                .position(|a| a.get_info().name.to_lowercase().contains(&name.to_lowercase())),
+        };
+        let Some(index) = index else {
+            let names: Vec<_> = adapters
+                .iter()
+                .enumerate()
+                .map(|(i, a)| format!("{i}: {}", a.get_info().name))
+                .collect();
+            return Err(Error::Adapter {
+                what: format!(
+                    "no adapter matches {choice:?}; this machine has {}",
+                    names.join(", ")
+                ),
+            });
+        };
+        let adapter = &adapters[index];
+        let report = describe(index, adapter);
+        let wanted = wgpu::Features::TIMESTAMP_QUERY;
+        // WebGPU's own limits, sizes alone raised: a kernel that needs more would not run elsewhere.
+        let limits = wgpu::Limits {
+            max_buffer_size: report.max_buffer_size,
+            max_storage_buffer_binding_size: report.max_binding_size,
+            ..wgpu::Limits::default()
+        };
+        let request = adapter.request_device(&wgpu::DeviceDescriptor {
+            label: Some("photogram"),
+            required_features: adapter.features() & wanted,
+            required_limits: limits,
+            ..Default::default()
+        });
+        let (device, queue) = pollster::block_on(request).map_err(|e| Error::Adapter {
+            what: format!("adapter {index} ({}) refuses WebGPU's default limits: {e}", report.name),
+        })?;
+        Ok(Self::from_device(device, queue, report))
+    }
+
+    /// Works on a device that somebody else opened (a viewer, say).
+    pub fn from_device(device: wgpu::Device, queue: wgpu::Queue, report: AdapterReport) -> Self {
+        let faults = Arc::new(Mutex::new(Vec::new()));
+        let (heard, lost) = (faults.clone(), faults.clone());
+        device.on_uncaptured_error(Arc::new(move |e| lock(&heard).push(e.to_string())));
+        device.set_device_lost_callback(move |reason, message| {
+            if reason != wgpu::DeviceLostReason::Destroyed {
+                lock(&lost).push(format!("the device was lost ({reason:?}): {message}"));
+            }
+        });
+        let timed = device.features().contains(wgpu::Features::TIMESTAMP_QUERY);
+        Self {
+            limits: device.limits(),
+            tick: timed.then(|| queue.get_timestamp_period()),
+            device,
+            queue,
+            report,
+            faults,
+            kernels: Mutex::default(),
+            timings: Mutex::default(),
+            slice_budget: Duration::from_millis(100),
+        }
+    }
+
+    /// The adapter in use.
+    pub fn report(&self) -> &AdapterReport {
+        &self.report
+    }
+
+    /// Whether [`Timings`] come from the device's own clock.
+    pub fn has_timestamps(&self) -> bool {
+        self.tick.is_some()
+    }
+
+    /// Wall-clock time that one slice of a heavy stage may take; 100 ms to begin with.
+    pub fn set_slice_budget(&mut self, budget: Duration) {
+        self.slice_budget = budget;
+    }
+
+    /// Bytes of one buffer that a kernel can see.
+    pub fn max_binding(&self) -> u64 {
+        self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size)
+    }
+
+    /// Largest edge of a volume or of a light-field grid.
+    pub fn max_edge(&self) -> u32 {
+        self.limits.max_texture_dimension_3d
+    }
+
+    /// The times measured since the last call, by dispatch name.
+    pub fn take_timings(&self) -> Timings {
+        std::mem::take(&mut lock(&self.timings))
+    }
+
+    /// The first fault that the device reported since the last look, if any.
+    pub(crate) fn check(&self, stage: &str) -> Result<()> {
+        let mut faults = lock(&self.faults);
+        match faults.drain(..).next() {
+            None => Ok(()),
+            Some(fault) => Err(Error::device(stage, fault)),
+        }
+    }
+
+    /// A zeroed storage buffer of `count` items of type `T`.
+    ///
+    /// # Errors
+    /// It exceeds what the adapter binds, or the allocation is refused.
+    pub fn buffer<T: bytemuck::Pod>(&self, stage: &str, count: usize) -> Result<wgpu::Buffer> {
+        let size = (count.max(1) * size_of::<T>()).next_multiple_of(4) as u64;
+        self.fits(stage, size)?;
+        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(stage),
+            size,
+            usage: STORAGE,
+            mapped_at_creation: false,
+        });
+        self.check(stage).map(|()| buffer)
+    }
+
+    /// A storage buffer holding `data`.
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`].
+    pub fn upload<T: bytemuck::Pod>(&self, stage: &str, data: &[T]) -> Result<wgpu::Buffer> {
+        self.fits(stage, size_of_val(data) as u64)?;
+        let buffer = self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+            label: Some(stage),
+            contents: bytemuck::cast_slice(data),
+            usage: STORAGE | wgpu::BufferUsages::UNIFORM,
+        });
+        self.check(stage).map(|()| buffer)
+    }
+
+    /// Overwrites the beginning of `buffer`.
+    pub fn write<T: bytemuck::Pod>(&self, buffer: &wgpu::Buffer, data: &[T]) {
+        self.queue.write_buffer(buffer, 0, bytemuck::cast_slice(data));
+    }
+
+    /// Copies a buffer back to the host.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn read<T: bytemuck::Pod>(&self, stage: &str, buffer: &wgpu::Buffer) -> Result<Vec<T>> {
+        let size = buffer.size();
+        let staging = self.staging(stage, size);
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, size);
+        self.queue.submit([encoder.finish()]);
+        self.map_and_copy(stage, &staging)
+    }
+
+    /// One 32-bit word of a buffer.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn read_word(&self, stage: &str, buffer: &wgpu::Buffer, index: u64) -> Result<u32> {
+        let staging = self.staging(stage, 4);
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        encoder.copy_buffer_to_buffer(buffer, 4 * index, &staging, 0, 4);
+        self.queue.submit([encoder.finish()]);
+        self.map_and_copy(stage, &staging).map(|words| words[0])
+    }
+
+    fn staging(&self, stage: &str, size: u64) -> wgpu::Buffer {
+        self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(stage),
+            size,
+            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        })
+    }
+
+    /// Waits for a staging buffer and copies it out.
+    pub(crate) fn map_and_copy<T: bytemuck::Pod>(
+        &self,
+        stage: &str,
+        staging: &wgpu::Buffer,
+    ) -> Result<Vec<T>> {
+        // Whatever the callback would say, the mapping below says again.
+        staging.map_async(wgpu::MapMode::Read, .., |_| {});
+        self.wait(stage)?;
+        let view = staging.get_mapped_range(..).map_err(|e| Error::device(stage, e.to_string()))?;
+        let mut copy = vec![T::zeroed(); view.len() / size_of::<T>()];
+        let bytes = size_of_val(copy.as_slice());
+        bytemuck::cast_slice_mut(&mut copy).copy_from_slice(&view[..bytes]);
+        Ok(copy)
+    }
+
+    /// Waits until the queue is empty.
+    pub(crate) fn wait(&self, stage: &str) -> Result<()> {
+        self.device
+            .poll(wgpu::PollType::wait_indefinitely())
+            .map_err(|e| Error::device(stage, e.to_string()))?;
+        self.check(stage)
+    }
+
+    /// Refuses a buffer that no kernel could see.
+    pub(crate) fn fits(&self, stage: &str, bytes: u64) -> Result<()> {
+        let most = self.max_binding();
+        if bytes <= most {
+            return Ok(());
+        }
+        Err(Error::capacity(
+            stage,
+            format!(
+                "a buffer of {:.1} MiB is needed, but {} binds at most {:.1} MiB; lower the setting \
+                 it depends on, or use another adapter",
+                bytes as f64 / MIB,
+                self.report.name,
+                most as f64 / MIB
+            ),
+        ))
+    }
+
+    pub(crate) fn device(&self) -> &wgpu::Device {
+        &self.device
+    }
+
+    pub(crate) fn queue(&self) -> &wgpu::Queue {
+        &self.queue
+    }
+}
+
+const MIB: f64 = 1024.0 * 1024.0;
+
+const STORAGE: wgpu::BufferUsages = wgpu::BufferUsages::STORAGE
+    .union(wgpu::BufferUsages::COPY_SRC)
+    .union(wgpu::BufferUsages::COPY_DST)
+    .union(wgpu::BufferUsages::INDIRECT);

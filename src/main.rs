@@ -1,0 +1,408 @@
+//! The command line: parses and prints, and leaves the rest to the library.
+
+use std::fmt::Write as _;
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result};
+use clap::{Args, Parser, Subcommand};
+use comfy_table::{CellAlignment, Table, presets};
+use photogram::film::{Format, Notes};
+use photogram::gpu::{self, AdapterChoice, Gpu};
+use photogram::render::{Progress, Rendered, Report, Split, render};
+use photogram::scene::{Estimator, Method, Scale, Scene, VolumeSource, Weighting};
+use photogram::transfer;
+use photogram::volume::phantom::Phantom;
+use photogram::volume::{self, Volume};
+use photogram::demo;
+
+/// Globally lit pictures of CT and MR volumes, by photon mapping on the GPU.
+#[derive(Parser)]
+#[command(version, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    /// Adapter by index or part of its name (see `info --adapters`)
+    #[arg(long, global = true, default_value = "", hide_default_value = true)]
+    adapter: String,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Renders the hand phantom, before and after a bone edit and a vessel edit
+    Demo {
+        /// Where the pictures go
+        #[arg(long, default_value = "out/demo")]
+        out: PathBuf,
+        /// Writes the figures there
+        #[arg(long)]
+        json: Option<PathBuf>,
+    },
+    /// Renders a scene to .exr (linear) or .png
+    Render(Box<RenderArgs>),
+    /// Describes a volume, or lists the adapters
+    Info {
+        /// .nrrd, .nii or .nii.gz
+        #[arg(required_unless_present = "adapters")]
+        volume: Option<PathBuf>,
+        /// Lists the adapters of this machine with the limits that matter
+        #[arg(long)]
+        adapters: bool,
+        /// Writes the same as JSON there
+        #[arg(long)]
+        json: Option<PathBuf>,
+    },
+    /// Writes a built-in phantom as NRRD
+    Phantom {
+        /// cornell, hand, engine, torso or kidneys
+        name: String,
+        /// Output file, .nrrd
+        #[arg(short, long)]
+        out: PathBuf,
+        /// Voxels along the longest edge
+        #[arg(long, default_value_t = 256)]
+        size: u32,
+    },
+}
+
+#[derive(Args)]
+struct RenderArgs {
+    /// Scene file, .toml
+    scene: PathBuf,
+    /// Output image, .exr or .png
+    #[arg(short, long)]
+    out: PathBuf,
+    /// Puts another volume in the scene
+    #[arg(long)]
+    volume: Option<PathBuf>,
+    /// Applies a named edit of the scene first; may be repeated
+    #[arg(long)]
+    edit: Vec<String>,
+    /// small, medium or full: shrinks photons, pixels and phantoms together
+    #[arg(long)]
+    scale: Option<Scale>,
+    /// photon-map, mcvr or reference
+    #[arg(long)]
+    method: Option<Method>,
+    /// points or fluence
+    #[arg(long)]
+    estimator: Option<Estimator>,
+    /// What the points estimator blurs
+    #[arg(long)]
+    weighting: Option<Weighting>,
+    /// Photons of a light of share 1
+    #[arg(long)]
+    photons: Option<u64>,
+    /// Scattering events kept along a photon
+    #[arg(long)]
+    max_events: Option<u32>,
+    /// Gather radius, mm
+    #[arg(long)]
+    radius: Option<f64>,
+    /// Fluence cells per voxel along an axis
+    #[arg(long)]
+    grid: Option<f64>,
+    /// Segments along a view ray
+    #[arg(long)]
+    segments: Option<u32>,
+    /// Rays a pixel
+    #[arg(long)]
+    rays: Option<u32>,
+    /// Samples a pixel of `reference` and `mcvr`
+    #[arg(long)]
+    samples: Option<u32>,
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Pixels, as WIDTHxHEIGHT
+    #[arg(long, value_parser = image_size)]
+    size: Option<(u32, u32)>,
+    /// Stops of exposure added to the scene's
+    #[arg(long, allow_negative_numbers = true)]
+    exposure: Option<f64>,
+    /// Writes adapter, times, counts and bytes there
+    #[arg(long)]
+    json: Option<PathBuf>,
+}
+
+fn image_size(text: &str) -> std::result::Result<(u32, u32), String> {
+    let wrong = || format!("`{text}` is no image size: write WIDTHxHEIGHT, such as 512x512");
+    let (width, height) = text.split_once('x').ok_or_else(wrong)?;
+    Ok((width.parse().map_err(|_| wrong())?, height.parse().map_err(|_| wrong())?))
+}
+
+fn main() -> ExitCode {
+    match run(&Cli::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(cli: &Cli) -> Result<()> {
+    let adapter = match cli.adapter.as_str() {
+        "" => AdapterChoice::Best,
+        text => text.parse().unwrap_or_default(),
+    };
+    match &cli.command {
+        Command::Demo { out, json } => run_demo(&adapter, out, json.as_deref()),
+        Command::Render(args) => run_render(&adapter, args),
+        Command::Info { volume, adapters, json } => {
+            if *adapters {
+                list_adapters(json.as_deref())?;
+            }
+            volume.as_deref().map_or(Ok(()), |path| describe(path, json.as_deref()))
+        }
+        Command::Phantom { name, out, size } => {
+            let phantom: Phantom = name.parse()?;
+            let volume = volume::phantom::build(phantom, *size)?;
+            volume::nrrd::write(&volume, out)?;
+            println!("{}: {phantom}, {}", out.display(), dimensions(&volume));
+            Ok(())
+        }
+    }
+}
+
+/// The scene of a render command, its settings overridden, with its volume.
+fn prepare(args: &RenderArgs) -> Result<(Scene, Volume)> {
+    let mut scene = Scene::load(&args.scene)?;
+    if let Some(path) = &args.volume {
+        scene.volume = VolumeSource::File(path.clone());
+    }
+    if let Some(scale) = args.scale {
+        scene.scale(scale);
+    }
+    if let Some((width, height)) = args.size {
+        (scene.camera.width, scene.camera.height) = (width, height);
+    }
+    let settings = &mut scene.settings;
+    settings.method = args.method.unwrap_or(settings.method);
+    settings.estimator = args.estimator.or(settings.estimator);
+    settings.weighting = args.weighting.unwrap_or(settings.weighting);
+    settings.photons = args.photons.unwrap_or(settings.photons);
+    settings.max_events = args.max_events.unwrap_or(settings.max_events);
+    settings.radius = args.radius.or(settings.radius);
+    settings.grid = args.grid.unwrap_or(settings.grid);
+    settings.segments = args.segments.unwrap_or(settings.segments);
+    settings.rays = args.rays.unwrap_or(settings.rays);
+    settings.samples = args.samples.unwrap_or(settings.samples);
+    settings.seed = args.seed.unwrap_or(settings.seed);
+    scene.film.exposure += args.exposure.unwrap_or(0.0);
+    scene.check()?;
+    let volume = scene.volume.load()?;
+    scene.settle(&volume);
+    for edit in &args.edit {
+        scene = scene.edited(edit)?;
+    }
+    Ok((scene, volume))
+}
+
+fn run_render(adapter: &AdapterChoice, args: &RenderArgs) -> Result<()> {
+    let format = Format::of(&args.out)?;
+    let (scene, volume) = prepare(args)?;
+    scene.check_against(&volume)?;
+    let gpu = Gpu::open(adapter)?;
+    let rendered = with_progress(|progress| render(&gpu, &scene, &volume, &Split::default(), progress))?;
+    let notes = Notes { scene: scene.to_toml(), provenance: provenance(&rendered.report) };
+    let folder = args.out.parent().filter(|p| !p.as_os_str().is_empty());
+    if let Some(folder) = folder {
+        std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    }
+    match (format, &rendered.error) {
+        (Format::Exr, Some(error)) => {
+            rendered.image.write_exr(&args.out, &[("stderr", error)], &notes)?;
+        }
+        _ => rendered.image.write(&args.out, scene.film, &notes)?,
+    }
+    print!("{}", summary(&rendered));
+    println!("{}", args.out.display());
+    args.json.as_deref().map_or(Ok(()), |path| write_json(path, &rendered.report))
+}
+
+fn run_demo(adapter: &AdapterChoice, out: &Path, json: Option<&Path>) -> Result<()> {
+    std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
+    let gpu = Gpu::open(adapter)?;
+    println!("adapter: {} ({})", gpu.report().name, gpu.report().kind);
+    let shots = with_progress(|progress| demo::run(&gpu, progress))?;
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING).set_header(demo_header(&shots));
+    for shot in &shots {
+        let path = out.join(format!("{}.png", shot.name));
+        let notes = Notes { scene: shot.scene.to_toml(), provenance: provenance(&shot.rendered.report) };
+        shot.rendered.image.write(&path, shot.scene.film, &notes)?;
+        table.add_row(demo_row(shot));
+        println!("{}", path.display());
+    }
+    align_right(&mut table);
+    let first = &shots[0].rendered.report;
+    println!(
+        "\n{} photons, up to {} events; {} segments; {}; full rebuild each, ms by {}\n{table}",
+        first.photons,
+        first.max_events,
+        first.segments,
+        first.estimator.unwrap_or_default(),
+        first.clock
+    );
+    let reports: Vec<_> = shots.iter().map(|shot| (&shot.name, &shot.rendered.report)).collect();
+    json.map_or(Ok(()), |path| write_json(path, &reports))
+}
+
+fn demo_header(shots: &[demo::Shot]) -> Vec<String> {
+    let stages = shots[0].rendered.report.stages.iter().map(|s| s.stage.to_owned());
+    ["".to_owned()].into_iter().chain(stages).chain(["total".to_owned()]).collect()
+}
+
+fn demo_row(shot: &demo::Shot) -> Vec<String> {
+    let report = &shot.rendered.report;
+    let stages = report.stages.iter().map(|s| format!("{:.1}", s.ms));
+    let total = format!("{:.0}", report.total_ms);
+    [shot.name.to_owned()].into_iter().chain(stages).chain([total]).collect()
+}
+
+fn align_right(table: &mut Table) {
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+}
+
+fn list_adapters(json: Option<&Path>) -> Result<()> {
+    let adapters = gpu::adapters();
+    anyhow::ensure!(
+        !adapters.is_empty(),
+        "no Vulkan, Metal or DirectX 12 adapter was found; run ./setup.sh to install a Vulkan \
+         loader and Mesa's software driver"
+    );
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING).set_header([
+        "", "name", "kind", "backend", "driver", "buffer MiB", "binding MiB", "3D edge", "timestamps",
+    ]);
+    for a in &adapters {
+        table.add_row([
+            a.index.to_string(),
+            a.name.clone(),
+            a.kind.to_owned(),
+            a.backend.clone(),
+            a.driver.clone(),
+            (a.max_buffer_size >> 20).to_string(),
+            (a.max_binding_size >> 20).to_string(),
+            a.max_texture_3d.to_string(),
+            if a.timestamps { "yes" } else { "no" }.to_owned(),
+        ]);
+    }
+    println!("{table}");
+    json.map_or(Ok(()), |path| write_json(path, &adapters))
+}
+
+fn dimensions(volume: &Volume) -> String {
+    let ([i, j, k], s) = (volume.size(), volume.spacing());
+    format!("{i}x{j}x{k} voxels of {:.4}x{:.4}x{:.4} mm", s.x, s.y, s.z)
+}
+
+fn describe(path: &Path, json: Option<&Path>) -> Result<()> {
+    let volume = volume::load(path)?;
+    let [low, high] = volume.range();
+    println!("{}: {}, {}", path.display(), dimensions(&volume), volume.voxels().name());
+    println!("origin {:.3} mm (left, posterior, superior)", volume.origin());
+    for (name, axis) in ["i", "j", "k"].iter().zip([0, 1, 2].map(|a| volume.axes().col(a))) {
+        println!("{name} runs along {axis:.4}");
+    }
+    println!("values {low} to {high}");
+    let counts = volume.histogram(32);
+    let most = counts.iter().map(|&n| n as f64).fold(1.0, f64::max).ln_1p();
+    for (i, &n) in counts.iter().enumerate() {
+        let value = transfer::entry_value((2 * i + 1) * transfer::TABLE_ENTRIES / 64, volume.range());
+        let bar = "#".repeat(((n as f64).ln_1p() / most * 40.0).round() as usize);
+        println!("{value:>12.3} {n:>12} {bar}");
+    }
+    json.map_or(Ok(()), |path| {
+        write_json(
+            path,
+            &serde_json::json!({
+                "size": volume.size(),
+                "spacing_mm": volume.spacing().to_array(),
+                "origin_mm": volume.origin().to_array(),
+                "axes": volume.axes().to_cols_array_2d(),
+                "stored_as": volume.voxels().name(),
+                "range": volume.range(),
+                "histogram": counts,
+            }),
+        )
+    })
+}
+
+fn provenance(report: &Report) -> std::collections::BTreeMap<String, String> {
+    let of = |key: &str, value: String| (key.to_owned(), value);
+    [
+        of("program", concat!("photogram ", env!("CARGO_PKG_VERSION")).to_owned()),
+        of("adapter", report.adapter.clone()),
+        of("method", report.method.to_owned()),
+        of("photons", report.photons.to_string()),
+        of("rays", report.rays.to_string()),
+    ]
+    .into()
+}
+
+fn summary(rendered: &Rendered) -> String {
+    let r = &rendered.report;
+    let mut text = format!("adapter {}, times by {}\n", r.adapter, r.clock);
+    if r.photons > 0 {
+        let _ = writeln!(
+            text,
+            "{} photons, up to {} events, {} interactions; {} segments; {} rays a pixel; {}",
+            r.photons, r.max_events, r.counts.interactions, r.segments, r.rays,
+            r.estimator.unwrap_or_default()
+        );
+        let _ = writeln!(text, "{} bytes a photon slot, {} a segment", r.slot_bytes, r.segment_bytes);
+    }
+    let bytes = r.bytes.iter().map(|(name, n)| format!("{name} {:.1}", *n as f64 / 1048576.0));
+    let _ = writeln!(text, "MiB: {}", bytes.collect::<Vec<_>>().join(", "));
+    if r.counts.clamped > 0 {
+        let _ = writeln!(text, "warning: {} contributions were clamped", r.counts.clamped);
+    }
+    if r.entries_clamped > 0 {
+        let _ = writeln!(
+            text,
+            "warning: the extinction of {} table entries was clamped at the majorant, {} per mm",
+            r.entries_clamped, r.majorant
+        );
+    }
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING).set_header(["stage", "ms", "dispatches"]);
+    for row in &r.stages {
+        table.add_row([row.stage.to_owned(), format!("{:.2}", row.ms), row.dispatches.to_string()]);
+    }
+    table.add_row(["total".to_owned(), format!("{:.0}", r.total_ms), String::new()]);
+    align_right(&mut table);
+    let _ = writeln!(text, "{table}");
+    text
+}
+
+/// Written to a neighbour and renamed, so that a failure leaves nothing half-written.
+fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<()> {
+    let text = serde_json::to_string_pretty(value)?;
+    let fresh = path.with_extension("json.part");
+    std::fs::write(&fresh, text)
+        .and_then(|()| std::fs::rename(&fresh, path))
+        .with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// Shows a bar on a terminal, and nothing in a pipe.
+fn with_progress<T>(work: impl FnOnce(&mut Progress) -> photogram::Result<T>) -> Result<T> {
+    if !std::io::stderr().is_terminal() {
+        return Ok(work(&mut Progress::silent())?);
+    }
+    let bar = indicatif::ProgressBar::new(0);
+    if let Ok(style) = indicatif::ProgressStyle::with_template("{msg:>10} {wide_bar} {percent:>3}% {elapsed}") {
+        bar.set_style(style);
+    }
+    let mut hear = |stage: &'static str, done: u64, total: u64| {
+        bar.set_message(stage);
+        bar.set_length(total);
+        bar.set_position(done);
+    };
+    let result = work(&mut Progress::new(&mut hear));
+    bar.finish_and_clear();
+    Ok(result?)
+}

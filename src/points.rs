@@ -1,0 +1,200 @@
+//! The `points` light field: photons sorted by the cell of a grid whose edge is the
+//! gather radius, H(8).
+//!
+//! Only live slots enter: marked, ranked by a prefix sum, sorted by cell key with a
+//! stable radix sort, then copied out in that order with what a gather needs. A table
+//! of buckets, each of 2^shift consecutive keys, says where to begin; it needs no
+//! probing, and its size is bounded however small the radius.
+
+use std::sync::Arc;
+
+use crate::error::{Error, Result};
+use crate::frame::DeviceScene;
+use crate::gpu::Gpu;
+use crate::gpu::kernel::Kernel;
+use crate::gpu::layout::shared_struct;
+use crate::gpu::run::Bindings;
+use crate::gpu::scan::Scanner;
+use crate::gpu::sort::Sorter;
+use crate::photon::{Batch, PhotonMap};
+use crate::render::Progress;
+use crate::scene::{Settings, Weighting};
+
+/// Buckets of one batch's table, at most: 16 MiB.
+const MAX_BUCKETS: u64 = 1 << 22;
+
+shared_struct! {
+    /// The geometry of the hash, as every kernel that touches it is told.
+    pub struct PointsParams {
+        /// Cells along each axis.
+        pub grid: [u32; 3],
+        /// Slots to look at, or sorted points.
+        pub count: u32,
+        /// Gather radius and edge of a cell, mm.
+        pub radius: f32,
+        /// Keys in a bucket, as a power of two.
+        pub shift: u32,
+        /// Buckets in the table.
+        pub buckets: u32,
+        /// 1 / (4/3 pi r³).
+        pub kernel: f32,
+    }
+}
+
+/// The sorted points of one photon batch.
+struct SortedBatch {
+    count: u32,
+    places: wgpu::Buffer,
+    lights: wgpu::Buffer,
+    starts: wgpu::Buffer,
+    field: wgpu::Buffer,
+}
+
+impl SortedBatch {
+    fn bindings(&self) -> Bindings<'_> {
+        vec![
+            ("field", (&self.field).into()),
+            ("point_places", (&self.places).into()),
+            ("point_lights", (&self.lights).into()),
+            ("starts", (&self.starts).into()),
+        ]
+    }
+}
+
+/// The sorted points of all batches.
+pub struct Points {
+    /// Gather radius, mm.
+    pub radius: f32,
+    params: PointsParams,
+    key_bits: u32,
+    batches: Vec<SortedBatch>,
+    mark: Arc<Kernel>,
+    compact: Arc<Kernel>,
+    record: Arc<Kernel>,
+    find: Arc<Kernel>,
+}
+
+impl Points {
+    /// An empty field for a scene.
+    ///
+    /// # Errors
+    /// The radius is too small for the volume.
+    pub fn new(gpu: &Gpu, scene: &DeviceScene, settings: &Settings, radius: f64) -> Result<Self> {
+        let grid = scene.frame.extent.map(|e| (f64::from(e) / radius).ceil().max(1.0));
+        let cells = grid.iter().product::<f64>();
+        if cells > f64::from(u32::MAX) {
+            return Err(Error::capacity(
+                "points",
+                format!("a radius of {radius} mm makes {cells:.0} cells, more than 2^32: raise `radius`"),
+            ));
+        }
+        let cells = cells as u64;
+        let shift = cells.div_ceil(MAX_BUCKETS).next_power_of_two().ilog2();
+        let mut flags = scene.flags(&["nearest", "float_voxels", "anisotropic"]);
+        flags.extend((settings.weighting == Weighting::Even).then_some("even"));
+        Ok(Self {
+            radius: radius as f32,
+            params: PointsParams {
+                grid: grid.map(|n| n as u32),
+                count: 0,
+                radius: radius as f32,
+                shift,
+                buckets: cells.div_ceil(1 << shift) as u32,
+                kernel: (0.75 / (std::f64::consts::PI * radius.powi(3))) as f32,
+            },
+            key_bits: u64::BITS - (cells - 1).leading_zeros(),
+            batches: Vec::new(),
+            mark: gpu.kernel("points_mark", &[])?,
+            compact: gpu.kernel("points_compact", &[])?,
+            record: gpu.kernel("points_record", &flags)?,
+            find: gpu.kernel("points_starts", &[])?,
+        })
+    }
+
+    /// Sorts all live slots, from nothing.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn build(
+        &mut self,
+        gpu: &Gpu,
+        scene: &DeviceScene,
+        map: &PhotonMap,
+        progress: &mut Progress,
+    ) -> Result<()> {
+        self.batches.clear();
+        for (i, batch) in map.batches.iter().enumerate() {
+            self.batches.push(self.sorted(gpu, scene, map, batch)?);
+            progress.at("sort", i as u64 + 1, map.batches.len() as u64);
+        }
+        Ok(())
+    }
+
+    fn sorted(
+        &self,
+        gpu: &Gpu,
+        scene: &DeviceScene,
+        map: &PhotonMap,
+        batch: &Batch,
+    ) -> Result<SortedBatch> {
+        let slots = batch.photons * map.max_events;
+        let ranks = gpu.buffer::<u32>("points ranks", slots as usize + 1)?;
+        let scanner = Scanner::new(gpu, slots + 1)?;
+        let all = PointsParams { count: slots, ..self.params };
+        let mut bindings = [scene.bindings(), batch.bindings()].concat();
+        bindings.extend([("marks", (&ranks).into()), ("ranks", (&ranks).into())]);
+
+        let mut stage = gpu.stage("points_mark");
+        stage.dispatch(&self.mark, u64::from(slots) + 1, &bindings, &all)?;
+        scanner.record(&mut stage, &ranks, slots + 1)?;
+        stage.finish()?;
+        let count = gpu.read_word("points_mark", &ranks, slots.into())?;
+
+        let keys = gpu.buffer::<u32>("points keys", count as usize)?;
+        let order = gpu.buffer::<u32>("points order", count as usize)?;
+        let mut stage = gpu.stage("points_compact");
+        bindings.extend([("keys", (&keys).into()), ("slots", (&order).into())]);
+        stage.dispatch(&self.compact, slots.into(), &bindings, &all)?;
+        stage.finish()?;
+        Sorter::new(gpu, count)?.sort(gpu, &keys, &order, count, self.key_bits)?;
+
+        let live = PointsParams { count, ..self.params };
+        let sorted = SortedBatch {
+            count,
+            places: gpu.buffer::<[u32; 4]>("point places", count as usize)?,
+            lights: gpu.buffer::<[f32; 4]>("point lights", count as usize)?,
+            starts: gpu.buffer::<u32>("points starts", live.buckets as usize + 1)?,
+            field: gpu.upload("points field", &[live])?,
+        };
+        bindings.extend(sorted.bindings());
+        let mut stage = gpu.stage("points_record");
+        stage.dispatch(&self.record, count.into(), &bindings, &live)?;
+        stage.dispatch(&self.find, u64::from(live.buckets) + 1, &bindings, &live)?;
+        stage.finish()?;
+        Ok(sorted)
+    }
+
+    /// The sorted field of each batch, by the names that the segment kernel gives it.
+    pub fn bindings(&self) -> Vec<Bindings<'_>> {
+        self.batches.iter().map(SortedBatch::bindings).collect()
+    }
+
+    /// The sorted points of all batches: position and direction, contribution and g.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn read(&self, gpu: &Gpu) -> Result<Vec<([u32; 4], [u32; 4])>> {
+        let mut all = Vec::new();
+        for batch in &self.batches {
+            let places = gpu.read::<[u32; 4]>("point places", &batch.places)?;
+            let lights = gpu.read::<[u32; 4]>("point lights", &batch.lights)?;
+            all.extend(places.into_iter().zip(lights).take(batch.count as usize));
+        }
+        Ok(all)
+    }
+
+    /// Bytes of the sorted points and their tables.
+    pub fn bytes(&self) -> u64 {
+        self.batches.iter().map(|b| b.places.size() + b.lights.size() + b.starts.size()).sum()
+    }
+}

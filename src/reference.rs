@@ -1,0 +1,149 @@
+//! The reference: an unbiased path tracer on the device, progressive, with the standard
+//! error of every pixel. Stopped at one event it is Monte-Carlo ray casting (`mcvr`).
+
+use std::sync::Arc;
+
+use crate::error::Result;
+use crate::film::Image;
+use crate::frame::DeviceScene;
+use crate::gpu::Gpu;
+use crate::gpu::kernel::Kernel;
+use crate::gpu::layout::shared_struct;
+use crate::render::Progress;
+use crate::scene::{Method, Scene};
+use crate::segment::{SegmentParams, camera_params};
+
+shared_struct! {
+    /// What the reference kernel is told beside the camera.
+    pub struct ReferenceParams {
+        /// Radiance behind the volume.
+        pub background: [f32; 3],
+        /// Samples that each pixel has already.
+        pub first_sample: u32,
+        /// Samples that this dispatch adds.
+        pub samples: u32,
+        /// Scattering orders.
+        pub max_events: u32,
+        /// First event after which a roulette on the weight runs.
+        pub roulette_from: u32,
+        /// Keeps the size a multiple of 16.
+        pub pad: u32,
+    }
+}
+
+/// Events at most, where all orders are asked for; a roulette ends paths long before.
+const ALL_EVENTS: u32 = 100_000;
+
+/// A reference image in the making.
+pub struct Reference {
+    params: SegmentParams,
+    path: ReferenceParams,
+    majorants: wgpu::Buffer,
+    means: wgpu::Buffer,
+    deviations: wgpu::Buffer,
+    kernel: Arc<Kernel>,
+}
+
+impl Reference {
+    /// Begins an image of a settled scene.
+    ///
+    /// # Errors
+    /// The film does not fit the adapter.
+    pub fn new(gpu: &Gpu, scene: &Scene, device: &DeviceScene) -> Result<Self> {
+        let pixels = scene.camera.width as usize * scene.camera.height as usize;
+        let flags = device.flags(&["nearest", "float_voxels", "anisotropic", "emission"]);
+        let max_events = match scene.settings.method {
+            Method::Mcvr => 1,
+            _ => scene.settings.reference_events.unwrap_or(ALL_EVENTS),
+        };
+        // Where only emission is, one look per macro-cell edge suffices on average.
+        let glow_rate = 1.0 / device.frame.cell_mm.iter().copied().fold(f32::INFINITY, f32::min);
+        Ok(Self {
+            params: camera_params(&scene.camera, &device.local_from_world)?,
+            path: ReferenceParams {
+                background: scene.background.as_vec3().to_array(),
+                max_events,
+                roulette_from: 4,
+                ..Default::default()
+            },
+            majorants: gpu.upload("majorants", &device.cells.majorants(&device.table, glow_rate))?,
+            means: gpu.buffer::<[f32; 4]>("reference means", pixels)?,
+            deviations: gpu.buffer::<[f32; 4]>("reference deviations", pixels)?,
+            kernel: gpu.kernel("reference", &flags)?,
+        })
+    }
+
+    /// Adds `samples` samples to every pixel.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn add(
+        &mut self,
+        gpu: &Gpu,
+        device: &DeviceScene,
+        samples: u32,
+        progress: &mut Progress,
+    ) -> Result<()> {
+        // A few at a time, so that a picture of few pixels still runs in slices.
+        const EACH: u32 = 16;
+        let pixels = u64::from(self.params.width) * u64::from(self.params.height);
+        let mut bindings = device.bindings();
+        bindings.extend([
+            ("majorants", (&self.majorants).into()),
+            ("means", (&self.means).into()),
+            ("deviations", (&self.deviations).into()),
+        ]);
+        let mut done = 0;
+        while done < samples {
+            let now = EACH.min(samples - done);
+            let path = ReferenceParams { samples: now, ..self.path };
+            let path = gpu.upload("path", &[path])?;
+            let mut bindings = bindings.clone();
+            bindings.push(("path", (&path).into()));
+            gpu.sliced(
+                "reference",
+                pixels,
+                1 << 11,
+                |stage, range| {
+                    let params = SegmentParams {
+                        first_item: range.start as u32,
+                        items: (range.end - range.start) as u32,
+                        ..self.params
+                    };
+                    stage.dispatch(&self.kernel, range.end - range.start, &bindings, &params)
+                },
+                &mut |n| {
+                    let all = u64::from(samples) * pixels;
+                    progress.at("reference", u64::from(done) * pixels + n * u64::from(now), all);
+                },
+            )?;
+            self.path.first_sample += now;
+            done += now;
+        }
+        Ok(())
+    }
+
+    /// The mean so far, and the standard error of each pixel of it.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn image(&self, gpu: &Gpu) -> Result<(Image, Image)> {
+        let means = gpu.read::<[f32; 4]>("reference means", &self.means)?;
+        let deviations = gpu.read::<[f32; 4]>("reference deviations", &self.deviations)?;
+        let n = f64::from(self.path.first_sample);
+        let error = |sum: f32| (f64::from(sum) / (n - 1.0).max(1.0) / n.max(1.0)).sqrt() as f32;
+        let (width, height) = (self.params.width, self.params.height);
+        let rgb = |data: Vec<[f32; 4]>, f: &dyn Fn(f32) -> f32| -> Vec<[f32; 3]> {
+            data.into_iter().map(|[r, g, b, _]| [f(r), f(g), f(b)]).collect()
+        };
+        Ok((
+            Image { width, height, rgb: rgb(means, &|x| x) },
+            Image { width, height, rgb: rgb(deviations, &error) },
+        ))
+    }
+
+    /// Bytes of its film.
+    pub fn bytes(&self) -> u64 {
+        self.means.size() + self.deviations.size()
+    }
+}

@@ -1,0 +1,409 @@
+//! Scenes: everything a render needs, read from TOML and written back to it.
+//!
+//! A scene goes through three steps before a kernel sees it: [`Scene::load`] reads
+//! and checks the file, [`Scene::settle`] resolves what is said relative to the
+//! volume into world millimetres and freezes the majorant and the flux unit, and
+//! [`Scene::apply`] makes an edit. Settle first, edit then: an edit never changes
+//! what was frozen (law 4).
+//!
+//! Units: lengths in mm, extinction per mm, angles in degrees, radiance in
+//! W/(sr mm²), irradiance in W/mm², intensity in W/sr. Colours are linear RGB.
+
+mod check;
+mod edit;
+mod place;
+mod read;
+mod source;
+mod toml_file;
+mod write;
+
+use std::path::PathBuf;
+
+use glam::DVec3;
+
+use crate::error::{Error, Result};
+use crate::volume::phantom::Phantom;
+
+pub use edit::{CameraChange, Changes, Edit, LightChange, MaterialChange};
+pub use read::preset;
+
+/// Everything a render needs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scene {
+    /// For reports and file names; the file's stem where the file does not say.
+    pub name: String,
+    /// Where the data come from.
+    pub volume: VolumeSource,
+    /// How values between voxel centres are found.
+    pub filter: Filter,
+    /// Who looks.
+    pub camera: Camera,
+    /// What shines; ids and names are unique.
+    pub lights: Vec<Light>,
+    /// What the data are made of; names are unique, windows may overlap.
+    pub materials: Vec<Material>,
+    /// Radiance seen where a view ray leaves the volume, W/(sr mm²); it lights nothing.
+    pub background: DVec3,
+    /// How it is computed.
+    pub settings: Settings,
+    /// How the linear image becomes a picture.
+    pub film: FilmSettings,
+    /// Named edits, in file order.
+    pub edits: Vec<Edit>,
+}
+
+/// Gives the variants of an enum the names by which files and the command line know them.
+macro_rules! names {
+    ($type:ident, $what:literal: $($variant:ident = $name:literal),+) => {
+        impl $type {
+            /// Every variant with its name.
+            pub const NAMES: &[(&'static str, Self)] = &[$(($name, Self::$variant)),+];
+        }
+
+        impl std::fmt::Display for $type {
+            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.write_str(match self { $(Self::$variant => $name),+ })
+            }
+        }
+
+        impl std::str::FromStr for $type {
+            type Err = Error;
+
+            fn from_str(name: &str) -> Result<Self> {
+                let found = Self::NAMES.iter().find(|(n, _)| *n == name);
+                found.map(|&(_, v)| v).ok_or_else(|| {
+                    let names: Vec<&str> = Self::NAMES.iter().map(|&(n, _)| n).collect();
+                    Error::setting(edit::unknown($what, name, &names))
+                })
+            }
+        }
+    };
+}
+
+names!(Filter, "filter": Nearest = "nearest", Linear = "linear");
+names!(Method, "method": PhotonMap = "photon-map", Mcvr = "mcvr", Reference = "reference");
+names!(Estimator, "estimator": Points = "points", Fluence = "fluence");
+names!(Weighting, "weighting": Plain = "plain", Even = "even");
+names!(Scale, "scale": Small = "small", Medium = "medium", Full = "full");
+names!(Curve, "curve": Filmic = "filmic", Srgb = "srgb");
+
+/// How values between voxel centres are found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Filter {
+    /// Piecewise constant: each voxel is a box of its own value.
+    Nearest,
+    /// Trilinear between voxel centres.
+    Linear,
+}
+
+/// Where the volume comes from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum VolumeSource {
+    /// A file; the path is absolute once read (a relative one is relative to the scene file).
+    File(PathBuf),
+    /// A built-in phantom, computed.
+    Phantom {
+        /// Which.
+        phantom: Phantom,
+        /// Voxels along its longest edge, in [`SIZES`](crate::volume::phantom::SIZES).
+        size: u32,
+    },
+}
+
+/// A named material over data values.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material {
+    /// Unique in the scene.
+    pub name: String,
+    /// Piecewise-linear weight over data values: `[value, weight]`, weights in [0, 1],
+    /// values ascending, zero outside. Two equal values make a step, the later one
+    /// counting at the value itself; the last value is excluded. A window is
+    /// `[[lo, 1], [hi, 1]]`, half-open.
+    pub ramp: Vec<[f64; 2]>,
+    /// Where the weight is one, 1/mm; >= 0.
+    pub extinction: f64,
+    /// Share of the extinction that scatters, in [0, 1].
+    pub scatter: f64,
+    /// Linear RGB in [0, 1]; the albedo is `scatter * colour`.
+    pub colour: DVec3,
+    /// Emitted radiance per mm where the weight is one, >= 0; seen directly, it lights nothing.
+    pub emission: DVec3,
+    /// Henyey-Greenstein g in (-1, 1); 0 is isotropic, positive is forward.
+    pub phase_g: f64,
+}
+
+impl Material {
+    /// Albedo in [0, 1]: the scatter times the colour.
+    pub fn albedo(&self) -> DVec3 {
+        self.scatter * self.colour
+    }
+}
+
+/// A light. Its quota of photons depends on its `share` alone, never on its power.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Light {
+    /// Unique, and stable over edits: photons are known by (id, index).
+    pub id: u32,
+    /// Unique; edits name lights by it.
+    pub name: String,
+    /// Its photons over [`Settings::photons`], whatever the other lights have; > 0.
+    pub share: f64,
+    /// Linear RGB, >= 0. Point: intensity, W/sr. Directional: irradiance on a plane
+    /// across the direction, W/mm². Rectangle and surroundings: radiance, W/(sr mm²).
+    pub emitted: DVec3,
+    /// Its shape and place.
+    pub kind: LightKind,
+}
+
+/// Shape and place of a light; lengths in mm, in the world frame (LPS).
+///
+/// The `Around` kinds are relative to the volume's bounding sphere; [`Scene::place`]
+/// turns them into the explicit ones, and only those reach a kernel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LightKind {
+    /// Shines evenly in all directions.
+    Point {
+        /// World position.
+        position: DVec3,
+    },
+    /// Parallel light from infinitely far away.
+    Directional {
+        /// Direction of travel; any length but zero.
+        direction: DVec3,
+    },
+    /// A lambertian rectangle that emits to the side of `edge_u x edge_v` and is itself
+    /// not seen. The edges need not be perpendicular.
+    Rectangle {
+        /// One corner.
+        corner: DVec3,
+        /// From the corner along one edge.
+        edge_u: DVec3,
+        /// From the corner along the other edge.
+        edge_v: DVec3,
+    },
+    /// The same radiance from everywhere; not seen itself (that is the background).
+    Surroundings,
+    /// A point light yet to be placed.
+    PointAround {
+        /// Direction from the volume's centre towards the light; any length but zero.
+        from: DVec3,
+        /// From the centre, in radii of the bounding sphere; > 0.
+        distance: f64,
+    },
+    /// A square facing the volume's centre, yet to be placed.
+    RectangleAround {
+        /// Direction from the volume's centre towards the light; any length but zero.
+        from: DVec3,
+        /// From the centre to the square's, in radii of the bounding sphere; > 0.
+        distance: f64,
+        /// Edge length, in radii of the bounding sphere; > 0.
+        size: f64,
+    },
+}
+
+/// A pinhole camera. Pixels are square; image row 0 is the top and column 0 the left
+/// as the viewer sees them; a pixel is the mean over its square.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Camera {
+    /// Where it stands and looks.
+    pub place: CameraPlace,
+    /// Points upwards in the image; neither zero nor parallel to the view.
+    pub up: DVec3,
+    /// Horizontal field of view in degrees, in (0, 180).
+    pub fov_deg: f64,
+    /// Pixels, 1 to 16384.
+    pub width: u32,
+    /// Pixels, 1 to 16384.
+    pub height: u32,
+}
+
+/// Where a camera stands and looks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum CameraPlace {
+    /// In world mm.
+    At {
+        /// The pinhole.
+        origin: DVec3,
+        /// Seen in the middle of the image; not the origin.
+        target: DVec3,
+    },
+    /// Looks at the volume's centre; [`Scene::place`] turns it into `At`.
+    Around {
+        /// Direction from the volume's centre towards the camera; any length but zero.
+        from: DVec3,
+        /// At 1 the bounding sphere just fits into the image, at 2 from half that distance; > 0.
+        zoom: f64,
+    },
+}
+
+/// The rays of a placed camera: through image point (x, y), in pixels from the top left
+/// corner, goes `forward + (2x/width - 1) right + (2y/height - 1) down`, not normalised.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    /// The pinhole, mm.
+    pub origin: DVec3,
+    /// Unit vector to the middle of the image.
+    pub forward: DVec3,
+    /// From there to the middle of the right edge, at distance 1.
+    pub right: DVec3,
+    /// From there to the middle of the lower edge, at distance 1.
+    pub down: DVec3,
+}
+
+impl Camera {
+    /// The camera's rays in world space.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] where the camera is not placed yet.
+    pub fn view(&self) -> Result<View> {
+        let CameraPlace::At { origin, target } = self.place else {
+            return Err(Error::setting(
+                "the camera is given relative to the volume: place the scene first",
+            ));
+        };
+        let forward = (target - origin).normalize();
+        // The world frame is right-handed, so this is the viewer's right.
+        let right = forward.cross(self.up).normalize();
+        let half = (self.fov_deg.to_radians() / 2.0).tan();
+        Ok(View {
+            origin,
+            forward,
+            right: right * half,
+            down: forward.cross(right) * half * f64::from(self.height) / f64::from(self.width),
+        })
+    }
+}
+
+/// How an image is computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// Volumetric photon mapping: global illumination, edits are incremental.
+    PhotonMap,
+    /// Monte-Carlo ray casting: single scattering.
+    Mcvr,
+    /// The unbiased path tracer, all orders.
+    Reference,
+}
+
+/// How much work a scene is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scale {
+    /// Seconds on two cores.
+    Small,
+    /// Between the two.
+    Medium,
+    /// As the scene says.
+    Full,
+}
+
+/// The light field of the photon map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Estimator {
+    /// Photons gathered from a spatial hash; any phase function.
+    Points,
+    /// Flights summed on a grid; isotropic scattering.
+    Fluence,
+}
+
+/// What the `points` estimator blurs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Weighting {
+    /// Collision density, as in the paper; spills light across material borders.
+    Plain,
+    /// Fluence, which is smooth.
+    Even,
+}
+
+/// How the scene is computed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// How the image is computed.
+    pub method: Method,
+    /// `None`: fluence where all scattering is isotropic, else points.
+    pub estimator: Option<Estimator>,
+    /// Weighting of the `points` estimator.
+    pub weighting: Weighting,
+    /// Photons of a light of share 1; 1 to 2^32 - 1.
+    pub photons: u64,
+    /// Scattering events kept along a photon (S_n of the paper), 1 to 64.
+    pub max_events: u32,
+    /// Event from which the roulette runs, >= 1.
+    pub roulette_from: u32,
+    /// Probability to survive the roulette, in (0, 1].
+    pub roulette_survival: f64,
+    /// Gather radius in mm, > 0; `None`: the smallest spacing.
+    pub radius: Option<f64>,
+    /// Fluence cells per voxel along an axis, in (0, 1].
+    pub grid: f64,
+    /// Segments along a view ray (V_n of the paper), 1 to 1024.
+    pub segments: u32,
+    /// March step over the smallest spacing, in (0, 4]; linear filter only.
+    pub step: f64,
+    /// 1/mm, > 0; extinction is clamped there. `None`: derived by [`Scene::settle`].
+    pub majorant: Option<f64>,
+    /// View rays a pixel of a final picture, >= 1.
+    pub rays: u32,
+    /// Samples a pixel of the reference and of Monte-Carlo ray casting, >= 1.
+    pub samples: u32,
+    /// Scattering orders of the reference, >= 1; `None`: all.
+    pub reference_events: Option<u32>,
+    /// All randomness follows from it.
+    pub seed: u64,
+    /// Radiant flux in W that the integer sums take as one, > 0. `None`: derived by
+    /// [`Scene::settle`].
+    pub flux_unit: Option<f64>,
+    /// Whether rays and photons skip macro-cells that hold nothing.
+    pub skip_empty: bool,
+    /// Whether histories are kept; without them no edit is incremental.
+    pub history: bool,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            method: Method::PhotonMap,
+            estimator: None,
+            weighting: Weighting::Even,
+            photons: 1_000_000,
+            max_events: 16,
+            roulette_from: 8,
+            roulette_survival: 0.8,
+            radius: None,
+            grid: 0.5,
+            segments: 16,
+            step: 0.5,
+            majorant: None,
+            rays: 4,
+            samples: 256,
+            reference_events: None,
+            seed: 1,
+            flux_unit: None,
+            skip_empty: true,
+            history: true,
+        }
+    }
+}
+
+/// How the linear image becomes a picture; an EXR holds the linear image itself.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FilmSettings {
+    /// In stops: the image is multiplied by 2^exposure; -32 to 32.
+    pub exposure: f64,
+    /// The curve from linear light to the picture.
+    pub curve: Curve,
+}
+
+impl Default for FilmSettings {
+    fn default() -> Self {
+        Self { exposure: 0.0, curve: Curve::Filmic }
+    }
+}
+
+/// The curve from linear light to the picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Curve {
+    /// Highlights roll off softly (see [`crate::film`]), then sRGB.
+    Filmic,
+    /// sRGB alone; what is above one clips.
+    Srgb,
+}

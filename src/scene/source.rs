@@ -1,0 +1,58 @@
+//! A scene and its volume: loading it, shrinking both together, and whether they fit.
+
+use super::{Scale, Scene, VolumeSource};
+use crate::error::{Error, Result};
+use crate::transfer::Table;
+use crate::volume::{self, Volume};
+
+impl Scene {
+    /// Shrinks the scene: its edges (image, phantom) to a half or a quarter, its photons
+    /// with the area of the image, and rays and samples with its edge.
+    pub fn scale(&mut self, scale: Scale) {
+        let by = match scale {
+            Scale::Small => 4,
+            Scale::Medium => 2,
+            Scale::Full => return,
+        };
+        let shrunk = |n: u32, least: u32| (n / by).max(least.min(n));
+        self.camera.width = shrunk(self.camera.width, 64);
+        self.camera.height = shrunk(self.camera.height, 64);
+        if let VolumeSource::Phantom { size, .. } = &mut self.volume {
+            *size = shrunk(*size, 32);
+        }
+        let settings = &mut self.settings;
+        settings.photons = (settings.photons / u64::from(by * by)).max(1);
+        settings.rays = shrunk(settings.rays, 1);
+        settings.samples = shrunk(settings.samples, 1);
+    }
+}
+
+impl VolumeSource {
+    /// Reads the file, or builds the phantom.
+    ///
+    /// # Errors
+    /// Those of the reader, or of the phantom.
+    pub fn load(&self) -> Result<Volume> {
+        match self {
+            Self::File(path) => volume::load(path),
+            Self::Phantom { phantom, size } => volume::phantom::build(*phantom, *size),
+        }
+    }
+}
+
+impl Scene {
+    /// Refuses a scene that would show nothing of its volume.
+    ///
+    /// # Errors
+    /// No material has extinction or emission anywhere in the data's range.
+    pub fn check_against(&self, volume: &Volume) -> Result<()> {
+        let [low, high] = volume.range();
+        if !Table::build(&self.materials, [low, high], None).is_empty() {
+            return Ok(());
+        }
+        Err(Error::setting(format!(
+            "the transfer function is empty: no material has extinction or emission over the \
+             data's range of {low} to {high}; check the windows (`photogram info` shows the histogram)"
+        )))
+    }
+}

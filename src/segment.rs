@@ -1,0 +1,326 @@
+//! View-ray segments, in screen bands, and their composite.
+//!
+//! A ray is cut into V_n uniform segments between its entry to the volume's bounds and
+//! its exit; each has its own colour, transmittance and history, 24 bytes.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, Vec3};
+
+use crate::error::{Error, Result};
+use crate::film::Image;
+use crate::fluence::Fluence;
+use crate::frame::DeviceScene;
+use crate::gpu::Gpu;
+use crate::gpu::kernel::Kernel;
+use crate::gpu::layout::shared_struct;
+use crate::gpu::run::Bindings;
+use crate::photon::CounterBuffer;
+use crate::points::Points;
+use crate::render::{CONTRIBUTION, Progress, Split};
+use crate::scene::{Camera, Scene, Weighting};
+
+shared_struct! {
+    /// What the segment kernel is told; lengths in the volume's frame.
+    pub struct SegmentParams {
+        /// The pinhole.
+        pub origin: [f32; 3],
+        /// Pixels across.
+        pub width: u32,
+        /// Direction of the image's upper left corner.
+        pub corner: [f32; 3],
+        /// Pixels down.
+        pub height: u32,
+        /// Across the whole image.
+        pub right: [f32; 3],
+        /// Segments of a ray.
+        pub segments: u32,
+        /// Down the whole image.
+        pub down: [f32; 3],
+        /// First row of the band.
+        pub first_row: u32,
+        /// First item of this dispatch.
+        pub first_item: u32,
+        /// Items of this dispatch.
+        pub items: u32,
+        /// Rays a pixel, across and down.
+        pub strata: [u32; 2],
+        /// Which of them.
+        pub ray: u32,
+        /// Scale of the integer sums.
+        pub scale: f32,
+        /// 1 where sums begin at zero.
+        pub batch_first: u32,
+        /// 1 where the colour is finished.
+        pub batch_last: u32,
+    }
+}
+
+shared_struct! {
+    /// A computed segment.
+    pub struct Segment {
+        /// Radiance leaving it towards the viewer.
+        pub red: f32,
+        /// Green.
+        pub green: f32,
+        /// Blue.
+        pub blue: f32,
+        /// Through the whole segment, in [0, 1].
+        pub transmittance: f32,
+        /// Bins 0 to 31 of its history.
+        pub history_low: u32,
+        /// Bins 32 to 63.
+        pub history_high: u32,
+    }
+}
+
+shared_struct! {
+    /// What the composite kernel is told.
+    pub struct CompositeParams {
+        /// Radiance behind the volume.
+        pub background: [f32; 3],
+        /// Pixels of the band.
+        pub pixels: u32,
+        /// The band's first pixel in the film.
+        pub first_pixel: u32,
+        /// Segments of a ray.
+        pub segments: u32,
+        /// Weight of this ray in the film.
+        pub weight: f32,
+        /// 1 where the film begins with this ray.
+        pub fresh: u32,
+    }
+}
+
+/// Bytes of a segment.
+pub const SEGMENT_BYTES: u64 = size_of::<Segment>() as u64;
+
+/// The light field that segments read.
+pub enum LightField {
+    /// Sorted photons.
+    Points(Points),
+    /// The fluence grid.
+    Fluence(Fluence),
+}
+
+/// The camera's part of the parameters, in the volume's frame.
+///
+/// # Errors
+/// The camera is not placed yet.
+pub fn camera_params(camera: &Camera, local: &DAffine3) -> Result<SegmentParams> {
+    let view = camera.view()?;
+    let vector = |v| local.transform_vector3(v).as_vec3();
+    let (forward, right, down): (Vec3, Vec3, Vec3) =
+        (vector(view.forward), vector(view.right), vector(view.down));
+    Ok(SegmentParams {
+        origin: local.transform_point3(view.origin).as_vec3().to_array(),
+        width: camera.width,
+        height: camera.height,
+        corner: (forward - right - down).to_array(),
+        right: (2.0 * right).to_array(),
+        down: (2.0 * down).to_array(),
+        strata: [1, 1],
+        ..Default::default()
+    })
+}
+
+/// Rays a pixel, across and down: as square as the number allows.
+fn strata(rays: u32) -> [u32; 2] {
+    let down = (1..=rays.isqrt()).rev().find(|d| rays.is_multiple_of(*d)).unwrap_or(1);
+    [rays / down, down]
+}
+
+struct Band {
+    first_row: u32,
+    rows: u32,
+    segments: wgpu::Buffer,
+    work: wgpu::Buffer,
+}
+
+/// All segments of an image, and its film.
+pub struct SegmentMap {
+    params: SegmentParams,
+    background: [f32; 3],
+    strata: [u32; 2],
+    bands: Vec<Band>,
+    film: wgpu::Buffer,
+    segment: Arc<Kernel>,
+    composite: Arc<Kernel>,
+}
+
+impl SegmentMap {
+    /// Room for the scene's segments, with `rays` rays a pixel.
+    ///
+    /// # Errors
+    /// One row of segments, or the film, does not fit a binding; the memory is refused.
+    pub fn new(
+        gpu: &Gpu,
+        scene: &Scene,
+        device: &DeviceScene,
+        field: &LightField,
+        rays: u32,
+        split: &Split,
+    ) -> Result<Self> {
+        let (camera, settings) = (&scene.camera, &scene.settings);
+        let row = u64::from(camera.width) * u64::from(settings.segments);
+        let fit = gpu.max_binding() / SEGMENT_BYTES / row;
+        if fit == 0 {
+            return Err(Error::capacity(
+                "segments",
+                format!(
+                    "one row of {} pixels with {} segments takes {} bytes, and the adapter binds {}; \
+                     lower `segments` or the image's width",
+                    camera.width, settings.segments, row * SEGMENT_BYTES, gpu.max_binding()
+                ),
+            ));
+        }
+        let rows = fit.min(split.band_rows.unwrap_or(u32::MAX).max(1).into()) as u32;
+        let mut bands = Vec::new();
+        for first_row in (0..camera.height).step_by(rows as usize) {
+            let rows = rows.min(camera.height - first_row);
+            let count = rows * row as u32;
+            bands.push(Band {
+                first_row,
+                rows,
+                segments: gpu.buffer::<Segment>("segments", count as usize)?,
+                work: gpu.upload("segment work list", &split.work_list(count))?,
+            });
+        }
+        let mut flags = device.flags(&["nearest", "float_voxels", "anisotropic", "emission", "history", "skip"]);
+        let spacing = 1.0 / device.frame.per_voxel.iter().copied().fold(0.0, f32::max);
+        let mut scale = 1.0;
+        match field {
+            LightField::Fluence(_) => flags.extend(["fluence"]),
+            LightField::Points(points) => {
+                let even = settings.weighting == Weighting::Even;
+                flags.extend(even.then_some("even"));
+                // The plain estimate shines in empty space too: nothing may be skipped there.
+                flags.retain(|flag| even || *flag != "skip");
+                let photon = settings.flux_unit.unwrap_or(1.0) / f64::from(device.lights.photons);
+                let ball = 4.0 / 3.0 * std::f64::consts::PI * f64::from(points.radius).powi(3);
+                let typical = photon / ball / (4.0 * std::f64::consts::PI) * f64::from(spacing);
+                scale = (CONTRIBUTION / typical) as f32;
+            }
+        }
+        let pixels = camera.width as usize * camera.height as usize;
+        Ok(Self {
+            params: SegmentParams {
+                segments: settings.segments,
+                scale,
+                ..camera_params(camera, &device.local_from_world)?
+            },
+            background: scene.background.as_vec3().to_array(),
+            strata: strata(rays),
+            bands,
+            film: gpu.buffer::<[f32; 4]>("film", pixels)?,
+            segment: gpu.kernel("segment", &flags)?,
+            composite: gpu.kernel("composite", &[])?,
+        })
+    }
+
+    /// Computes every segment and the image, ray after ray.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn render(
+        &self,
+        gpu: &Gpu,
+        device: &DeviceScene,
+        field: &LightField,
+        counters: &CounterBuffer,
+        progress: &mut Progress,
+    ) -> Result<()> {
+        let rays = self.strata[0] * self.strata[1];
+        let batches: Vec<Bindings> = match field {
+            LightField::Fluence(fluence) => vec![fluence.bindings()],
+            LightField::Points(points) => points.bindings(),
+        };
+        let total: u64 = u64::from(rays) * self.count() * batches.len() as u64;
+        let mut done = 0;
+        for ray in 0..rays {
+            for band in &self.bands {
+                let count = u64::from(band.rows * self.params.width * self.params.segments);
+                for (i, batch) in batches.iter().enumerate() {
+                    let mut bindings = [device.bindings(), batch.clone()].concat();
+                    bindings.extend([
+                        ("work", (&band.work).into()),
+                        ("segment_words", (&band.segments).into()),
+                        ("counters", counters.buffer().into()),
+                    ]);
+                    gpu.sliced(
+                        "segment",
+                        count,
+                        1 << 12,
+                        |stage, range| {
+                            let params = SegmentParams {
+                                first_row: band.first_row,
+                                first_item: range.start as u32,
+                                items: (range.end - range.start) as u32,
+                                strata: self.strata,
+                                ray,
+                                batch_first: u32::from(i == 0),
+                                batch_last: u32::from(i + 1 == batches.len()),
+                                ..self.params
+                            };
+                            stage.dispatch(&self.segment, range.end - range.start, &bindings, &params)
+                        },
+                        &mut |n| progress.at("segment", done + n, total),
+                    )?;
+                    done += count;
+                }
+                self.composite(gpu, band, ray, rays)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn composite(&self, gpu: &Gpu, band: &Band, ray: u32, rays: u32) -> Result<()> {
+        let params = CompositeParams {
+            background: self.background,
+            pixels: band.rows * self.params.width,
+            first_pixel: band.first_row * self.params.width,
+            segments: self.params.segments,
+            weight: 1.0 / rays as f32,
+            fresh: u32::from(ray == 0),
+        };
+        let bindings = [("segments", (&band.segments).into()), ("film", (&self.film).into())];
+        let mut stage = gpu.stage("composite");
+        stage.dispatch(&self.composite, params.pixels.into(), &bindings, &params)?;
+        stage.finish()
+    }
+
+    /// The image as it stands.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn image(&self, gpu: &Gpu) -> Result<Image> {
+        let film = gpu.read::<[f32; 4]>("film", &self.film)?;
+        Ok(Image {
+            width: self.params.width,
+            height: self.params.height,
+            rgb: film.into_iter().map(|[r, g, b, _]| [r, g, b]).collect(),
+        })
+    }
+
+    /// All segments of the last ray, row by row.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn read(&self, gpu: &Gpu) -> Result<Vec<Segment>> {
+        let mut all = Vec::new();
+        for band in &self.bands {
+            all.extend(gpu.read::<Segment>("segments", &band.segments)?);
+        }
+        Ok(all)
+    }
+
+    /// Segments of one ray a pixel.
+    pub fn count(&self) -> u64 {
+        u64::from(self.params.width) * u64::from(self.params.height) * u64::from(self.params.segments)
+    }
+
+    /// Bytes of all segments.
+    pub fn bytes(&self) -> u64 {
+        self.bands.iter().map(|band| band.segments.size()).sum()
+    }
+}

@@ -1,0 +1,149 @@
+//! Every kernel, found by listing the folder, composes and validates in every
+//! permutation; and every struct shared with the host has the host's layout.
+
+use std::collections::BTreeSet;
+
+use photogram::gpu::kernel::{KERNELS, compose, compose_unchecked, kernel_files, parse};
+use photogram::gpu::layout::Layout;
+use photogram::gpu::{scan, sort};
+use photogram::{fluence, frame, light, photon, points, reference, segment};
+use wgpu::naga::back::spv;
+use wgpu::naga::valid::{Capabilities, ValidationFlags, Validator};
+use wgpu::naga::{AddressSpace, Module, StorageAccess, TypeInner};
+
+const LAYOUTS: &[Layout] = &[
+    frame::Frame::LAYOUT,
+    frame::Optics::LAYOUT,
+    light::Light::LAYOUT,
+    light::Lights::LAYOUT,
+    photon::PhotonParams::LAYOUT,
+    fluence::ResolveParams::LAYOUT,
+    fluence::FluenceParams::LAYOUT,
+    points::PointsParams::LAYOUT,
+    segment::SegmentParams::LAYOUT,
+    segment::Segment::LAYOUT,
+    segment::CompositeParams::LAYOUT,
+    reference::ReferenceParams::LAYOUT,
+    scan::ScanParams::LAYOUT,
+    sort::SortParams::LAYOUT,
+    photogram::probe::ProbeParams::LAYOUT,
+];
+
+/// All subsets of a kernel's flags.
+fn permutations(flags: &'static [&'static str]) -> impl Iterator<Item = Vec<&'static str>> {
+    (0..1_u32 << flags.len()).map(move |bits| {
+        flags.iter().enumerate().filter(|(i, _)| bits >> i & 1 == 1).map(|(_, f)| *f).collect()
+    })
+}
+
+fn each_module(mut look: impl FnMut(&str, &[&str], &Module)) {
+    for (name, flags) in KERNELS {
+        for on in permutations(flags) {
+            let source = compose(name, &on).unwrap_or_else(|e| panic!("{name} {on:?}: {e}"));
+            let module = parse(name, &source).unwrap_or_else(|e| panic!("{name} {on:?}: {e}"));
+            look(name, &on, &module);
+        }
+    }
+}
+
+#[test]
+fn every_kernel_file_is_declared() {
+    let files: BTreeSet<_> = kernel_files().into_iter().collect();
+    let declared: BTreeSet<_> = KERNELS.iter().map(|(name, _)| name.to_string()).collect();
+    assert_eq!(files, declared);
+}
+
+/// A flag that changes a kernel must be among those that the kernel declares.
+#[test]
+fn undeclared_flags_make_no_difference() {
+    let all: BTreeSet<_> = KERNELS.iter().flat_map(|(_, flags)| *flags).copied().collect();
+    for (name, flags) in KERNELS {
+        let plain = compose(name, &[]).expect("composes");
+        for flag in all.iter().filter(|flag| !flags.contains(flag)) {
+            let with = compose_unchecked(name, &[flag]).expect("composes");
+            assert_eq!(with, plain, "{name} depends on the undeclared flag {flag}");
+        }
+    }
+}
+
+#[test]
+fn every_permutation_validates_within_the_limits_of_webgpu() {
+    each_module(|name, on, module| {
+        let info = Validator::new(ValidationFlags::all(), Capabilities::empty())
+            .validate(module)
+            .unwrap_or_else(|e| panic!("{name} {on:?}: {e:?}"));
+        // What the Vulkan back end makes of it: it knows faults of its own.
+        spv::write_vec(module, &info, &spv::Options::default(), None)
+            .unwrap_or_else(|e| panic!("{name} {on:?}: {e}"));
+        let storage = module.global_variables.iter().filter(|(_, v)| {
+            matches!(v.space, AddressSpace::Storage { access } if access.contains(StorageAccess::LOAD))
+        });
+        assert!(storage.count() <= 8, "{name} {on:?} binds more than 8 storage buffers");
+    });
+}
+
+#[test]
+fn shared_structs_have_the_hosts_layout() {
+    let mut seen = BTreeSet::new();
+    each_module(|name, _, module| {
+        for (_, ty) in module.types.iter() {
+            let (TypeInner::Struct { members, span }, Some(type_name)) = (&ty.inner, &ty.name) else {
+                continue;
+            };
+            let Some(layout) = LAYOUTS.iter().find(|l| l.name == *type_name) else { continue };
+            seen.insert(type_name.clone());
+            check(name, layout, members, *span, module);
+        }
+    });
+    let all: BTreeSet<_> = LAYOUTS.iter().map(|l| l.name.to_owned()).collect();
+    assert_eq!(seen, all, "every shared struct occurs in a kernel");
+}
+
+fn check(
+    kernel: &str,
+    layout: &Layout,
+    members: &[wgpu::naga::StructMember],
+    span: u32,
+    module: &Module,
+) {
+    let found: Vec<_> = members
+        .iter()
+        .map(|m| {
+            let size = module.types[m.ty].inner.size(module.to_ctx());
+            (m.name.as_deref().unwrap_or(""), m.offset as usize, size as usize)
+        })
+        .collect();
+    assert_eq!(found, layout.members, "{kernel}: {}", layout.name);
+    assert_eq!(span as usize, layout.size, "{kernel}: size of {}", layout.name);
+}
+
+/// A uniform or storage struct that the host fills must be among those checked.
+#[test]
+fn no_bound_struct_is_unchecked() {
+    each_module(|name, _, module| {
+        for (_, v) in module.global_variables.iter().filter(|(_, v)| v.binding.is_some()) {
+            let inner = match &module.types[v.ty].inner {
+                TypeInner::Array { base, .. } => &module.types[*base],
+                _ => &module.types[v.ty],
+            };
+            if let (TypeInner::Struct { .. }, Some(struct_name)) = (&inner.inner, &inner.name) {
+                assert!(LAYOUTS.iter().any(|l| l.name == *struct_name), "{name}: {struct_name}");
+            }
+        }
+    });
+}
+
+#[test]
+#[should_panic(expected = "Segment")]
+fn a_wrong_layout_is_found() {
+    let mut wrong = segment::Segment::LAYOUT;
+    wrong.members = &[("red", 4, 4)];
+    let source = compose("composite", &[]).expect("composes");
+    let module = parse("composite", &source).expect("parses");
+    for (_, ty) in module.types.iter() {
+        if let (TypeInner::Struct { members, span }, Some("Segment")) = (&ty.inner, ty.name.as_deref())
+        {
+            check("composite", &wrong, members, *span, &module);
+        }
+    }
+}
