@@ -32,6 +32,13 @@ struct March {
     samples: u32,
 }
 
+// How far before the middle of an interval, in lengths, the mean of what is seen of it
+// lies: light is looked up there, which is exact where it varies linearly.
+fn lean(depth: f32) -> f32 {
+    if depth < 0.1 { return -depth / 12.0; }
+    return 1.0 / depth - 1.0 / (exp(depth) - 1.0) - 0.5;
+}
+
 // One interval of constant value: its in-scattered light and emission, then its loss.
 fn interval(ray: Line, t: f32, length: f32, march: ptr<function, March>) {
     let point = ray.origin + ray.direction * t;
@@ -46,9 +53,10 @@ fn interval(ray: Line, t: f32, length: f32, march: ptr<function, March>) {
     @if(emission) { (*march).glow += along * emission[entry].rgb; }
     @if(fluence || even) let weight = lost;
     @if(!fluence && !even) let weight = along;
-    if weight > 0.0 {
-        let weighted = weight * params.scale;
-        (*march).light = gather(point, entry, weighted, -ray.direction, (*march).light);
+    // Where nothing scatters no light is gathered: sigma_s = 0 in H(1).
+    if o.extinction > 0.0 {
+        let seen = ray.origin + ray.direction * (t + lean(o.extinction * length) * length);
+        (*march).light = gather(seen, entry, weight * params.scale, -ray.direction, (*march).light);
     }
     (*march).transmittance *= passed;
 }
@@ -71,7 +79,12 @@ fn march_span(span: Span, march: ptr<function, March>) {
                 vacant = all((mask & frame.visible_bins) == vec2<u32>(0u));
                 @if(history) { if vacant { (*march).history |= mask; } }
             }
-            if !vacant { interval(span.ray, 0.5 * (t + leave), leave - t, march); }
+            if !vacant {
+                // A voxel is constant, but the light in it is not.
+                let parts = ceil((leave - t) / frame.step);
+                let h = (leave - t) / parts;
+                for (var i = 0.5; i < parts; i += 1.0) { interval(span.ray, t + i * h, h, march); }
+            }
             t = leave;
         }
         if leave >= end || !walk_step(&w, span.ray, edge, frame.size) { break; }

@@ -63,7 +63,11 @@ impl Fluence {
                 format!(
                     "{}x{}x{} cells take {bytes} bytes a channel, and the adapter binds {}; lower \
                      `grid` (now {})",
-                    grid[0], grid[1], grid[2], gpu.max_binding(), settings.grid
+                    grid[0],
+                    grid[1],
+                    grid[2],
+                    gpu.max_binding(),
+                    settings.grid
                 ),
             )
         })?;
@@ -74,7 +78,11 @@ impl Fluence {
         let scale = CONTRIBUTION / typical;
         let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
             label: Some("fluence"),
-            size: wgpu::Extent3d { width: grid[0], height: grid[1], depth_or_array_layers: grid[2] },
+            size: wgpu::Extent3d {
+                width: grid[0],
+                height: grid[1],
+                depth_or_array_layers: grid[2],
+            },
             mip_level_count: 1,
             sample_count: 1,
             dimension: wgpu::TextureDimension::D3,

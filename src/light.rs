@@ -114,7 +114,9 @@ fn place(record: &mut Light, kind: &LightKind, local: &DAffine3) -> Result<()> {
         }
         LightKind::Surroundings => record.kind = LIGHT_SURROUNDINGS,
         LightKind::PointAround { .. } | LightKind::RectangleAround { .. } => {
-            return Err(Error::setting("a light is given relative to the volume: settle the scene first"));
+            return Err(Error::setting(
+                "a light is given relative to the volume: settle the scene first",
+            ));
         }
     }
     Ok(())

@@ -8,6 +8,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
 use comfy_table::{CellAlignment, Table, presets};
+use photogram::demo;
 use photogram::film::{Format, Notes};
 use photogram::gpu::{self, AdapterChoice, Gpu};
 use photogram::render::{Progress, Rendered, Report, Split, render};
@@ -15,7 +16,6 @@ use photogram::scene::{Estimator, Method, Scale, Scene, VolumeSource, Weighting}
 use photogram::transfer;
 use photogram::volume::phantom::Phantom;
 use photogram::volume::{self, Volume};
-use photogram::demo;
 
 /// Globally lit pictures of CT and MR volumes, by photon mapping on the GPU.
 #[derive(Parser)]
@@ -204,11 +204,13 @@ fn run_render(adapter: &AdapterChoice, args: &RenderArgs) -> Result<()> {
     let (scene, volume) = prepare(args)?;
     scene.check_against(&volume)?;
     let gpu = Gpu::open(adapter)?;
-    let rendered = with_progress(|progress| render(&gpu, &scene, &volume, &Split::default(), progress))?;
+    let rendered =
+        with_progress(|progress| render(&gpu, &scene, &volume, &Split::default(), progress))?;
     let notes = Notes { scene: scene.to_toml(), provenance: provenance(&rendered.report) };
     let folder = args.out.parent().filter(|p| !p.as_os_str().is_empty());
     if let Some(folder) = folder {
-        std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("cannot make {}", folder.display()))?;
     }
     match (format, &rendered.error) {
         (Format::Exr, Some(error)) => {
@@ -230,7 +232,8 @@ fn run_demo(adapter: &AdapterChoice, out: &Path, json: Option<&Path>) -> Result<
     table.load_style(presets::NOTHING).set_header(demo_header(&shots));
     for shot in &shots {
         let path = out.join(format!("{}.png", shot.name));
-        let notes = Notes { scene: shot.scene.to_toml(), provenance: provenance(&shot.rendered.report) };
+        let notes =
+            Notes { scene: shot.scene.to_toml(), provenance: provenance(&shot.rendered.report) };
         shot.rendered.image.write(&path, shot.scene.film, &notes)?;
         table.add_row(demo_row(shot));
         println!("{}", path.display());
@@ -276,7 +279,15 @@ fn list_adapters(json: Option<&Path>) -> Result<()> {
     );
     let mut table = Table::new();
     table.load_style(presets::NOTHING).set_header([
-        "", "name", "kind", "backend", "driver", "buffer MiB", "binding MiB", "3D edge", "timestamps",
+        "",
+        "name",
+        "kind",
+        "backend",
+        "driver",
+        "buffer MiB",
+        "binding MiB",
+        "3D edge",
+        "timestamps",
     ]);
     for a in &adapters {
         table.add_row([
@@ -312,7 +323,8 @@ fn describe(path: &Path, json: Option<&Path>) -> Result<()> {
     let counts = volume.histogram(32);
     let most = counts.iter().map(|&n| n as f64).fold(1.0, f64::max).ln_1p();
     for (i, &n) in counts.iter().enumerate() {
-        let value = transfer::entry_value((2 * i + 1) * transfer::TABLE_ENTRIES / 64, volume.range());
+        let value =
+            transfer::entry_value((2 * i + 1) * transfer::TABLE_ENTRIES / 64, volume.range());
         let bar = "#".repeat(((n as f64).ln_1p() / most * 40.0).round() as usize);
         println!("{value:>12.3} {n:>12} {bar}");
     }
@@ -351,10 +363,15 @@ fn summary(rendered: &Rendered) -> String {
         let _ = writeln!(
             text,
             "{} photons, up to {} events, {} interactions; {} segments; {} rays a pixel; {}",
-            r.photons, r.max_events, r.counts.interactions, r.segments, r.rays,
+            r.photons,
+            r.max_events,
+            r.counts.interactions,
+            r.segments,
+            r.rays,
             r.estimator.unwrap_or_default()
         );
-        let _ = writeln!(text, "{} bytes a photon slot, {} a segment", r.slot_bytes, r.segment_bytes);
+        let _ =
+            writeln!(text, "{} bytes a photon slot, {} a segment", r.slot_bytes, r.segment_bytes);
     }
     let bytes = r.bytes.iter().map(|(name, n)| format!("{name} {:.1}", *n as f64 / 1048576.0));
     let _ = writeln!(text, "MiB: {}", bytes.collect::<Vec<_>>().join(", "));
@@ -394,7 +411,9 @@ fn with_progress<T>(work: impl FnOnce(&mut Progress) -> photogram::Result<T>) ->
         return Ok(work(&mut Progress::silent())?);
     }
     let bar = indicatif::ProgressBar::new(0);
-    if let Ok(style) = indicatif::ProgressStyle::with_template("{msg:>10} {wide_bar} {percent:>3}% {elapsed}") {
+    if let Ok(style) =
+        indicatif::ProgressStyle::with_template("{msg:>10} {wide_bar} {percent:>3}% {elapsed}")
+    {
         bar.set_style(style);
     }
     let mut hear = |stage: &'static str, done: u64, total: u64| {

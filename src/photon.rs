@@ -144,7 +144,10 @@ impl PhotonMap {
         let fit = gpu.max_binding() / (SLOT_BYTES / 2) / u64::from(max_events);
         let most = fit.min(MAX_BATCH).min(split.batch_photons.unwrap_or(u32::MAX).into());
         if most == 0 {
-            return Err(Error::capacity("photons", format!("{max_events} events do not fit a binding")));
+            return Err(Error::capacity(
+                "photons",
+                format!("{max_events} events do not fit a binding"),
+            ));
         }
         let total = u64::from(scene.lights.photons);
         // Even batches: the last is no smaller than it must be.

@@ -85,7 +85,9 @@ impl Points {
         if cells > f64::from(u32::MAX) {
             return Err(Error::capacity(
                 "points",
-                format!("a radius of {radius} mm makes {cells:.0} cells, more than 2^32: raise `radius`"),
+                format!(
+                    "a radius of {radius} mm makes {cells:.0} cells, more than 2^32: raise `radius`"
+                ),
             ));
         }
         let cells = cells as u64;

@@ -66,7 +66,8 @@ impl Reference {
                 roulette_from: 4,
                 ..Default::default()
             },
-            majorants: gpu.upload("majorants", &device.cells.majorants(&device.table, glow_rate))?,
+            majorants: gpu
+                .upload("majorants", &device.cells.majorants(&device.table, glow_rate))?,
             means: gpu.buffer::<[f32; 4]>("reference means", pixels)?,
             deviations: gpu.buffer::<[f32; 4]>("reference deviations", pixels)?,
             kernel: gpu.kernel("reference", &flags)?,

@@ -163,8 +163,7 @@ pub fn render(
     } else {
         let mut reference = Reference::new(gpu, scene, &device)?;
         reference.add(gpu, &device, scene.settings.samples, progress)?;
-        report.method =
-            if scene.settings.method == Method::Mcvr { "mcvr" } else { "reference" };
+        report.method = if scene.settings.method == Method::Mcvr { "mcvr" } else { "reference" };
         report.rays = scene.settings.samples;
         report.bytes.push(("film", reference.bytes()));
         let (image, error) = reference.image(gpu)?;
@@ -264,7 +263,9 @@ impl PhotonFrame {
         report.max_events = self.map.max_events;
         report.segments = self.segments.count();
         report.counts = self.counts(gpu)?;
-        report.bytes.extend([("photon slots", self.map.bytes()), ("segments", self.segments.bytes())]);
+        report
+            .bytes
+            .extend([("photon slots", self.map.bytes()), ("segments", self.segments.bytes())]);
         match &self.field {
             LightField::Points(points) => {
                 report.radius_mm = Some(points.radius);

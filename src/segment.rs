@@ -170,7 +170,10 @@ impl SegmentMap {
                 format!(
                     "one row of {} pixels with {} segments takes {} bytes, and the adapter binds {}; \
                      lower `segments` or the image's width",
-                    camera.width, settings.segments, row * SEGMENT_BYTES, gpu.max_binding()
+                    camera.width,
+                    settings.segments,
+                    row * SEGMENT_BYTES,
+                    gpu.max_binding()
                 ),
             ));
         }
@@ -186,7 +189,14 @@ impl SegmentMap {
                 work: gpu.upload("segment work list", &split.work_list(count))?,
             });
         }
-        let mut flags = device.flags(&["nearest", "float_voxels", "anisotropic", "emission", "history", "skip"]);
+        let mut flags = device.flags(&[
+            "nearest",
+            "float_voxels",
+            "anisotropic",
+            "emission",
+            "history",
+            "skip",
+        ]);
         let spacing = 1.0 / device.frame.per_voxel.iter().copied().fold(0.0, f32::max);
         let mut scale = 1.0;
         match field {
@@ -194,8 +204,6 @@ impl SegmentMap {
             LightField::Points(points) => {
                 let even = settings.weighting == Weighting::Even;
                 flags.extend(even.then_some("even"));
-                // The plain estimate shines in empty space too: nothing may be skipped there.
-                flags.retain(|flag| even || *flag != "skip");
                 let photon = settings.flux_unit.unwrap_or(1.0) / f64::from(device.lights.photons);
                 let ball = 4.0 / 3.0 * std::f64::consts::PI * f64::from(points.radius).powi(3);
                 let typical = photon / ball / (4.0 * std::f64::consts::PI) * f64::from(spacing);
@@ -262,7 +270,12 @@ impl SegmentMap {
                                 batch_last: u32::from(i + 1 == batches.len()),
                                 ..self.params
                             };
-                            stage.dispatch(&self.segment, range.end - range.start, &bindings, &params)
+                            stage.dispatch(
+                                &self.segment,
+                                range.end - range.start,
+                                &bindings,
+                                &params,
+                            )
                         },
                         &mut |n| progress.at("segment", done + n, total),
                     )?;
@@ -316,7 +329,9 @@ impl SegmentMap {
 
     /// Segments of one ray a pixel.
     pub fn count(&self) -> u64 {
-        u64::from(self.params.width) * u64::from(self.params.height) * u64::from(self.params.segments)
+        u64::from(self.params.width)
+            * u64::from(self.params.height)
+            * u64::from(self.params.segments)
     }
 
     /// Bytes of all segments.

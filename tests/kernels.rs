@@ -87,7 +87,8 @@ fn shared_structs_have_the_hosts_layout() {
     let mut seen = BTreeSet::new();
     each_module(|name, _, module| {
         for (_, ty) in module.types.iter() {
-            let (TypeInner::Struct { members, span }, Some(type_name)) = (&ty.inner, &ty.name) else {
+            let (TypeInner::Struct { members, span }, Some(type_name)) = (&ty.inner, &ty.name)
+            else {
                 continue;
             };
             let Some(layout) = LAYOUTS.iter().find(|l| l.name == *type_name) else { continue };
@@ -141,7 +142,8 @@ fn a_wrong_layout_is_found() {
     let source = compose("composite", &[]).expect("composes");
     let module = parse("composite", &source).expect("parses");
     for (_, ty) in module.types.iter() {
-        if let (TypeInner::Struct { members, span }, Some("Segment")) = (&ty.inner, ty.name.as_deref())
+        if let (TypeInner::Struct { members, span }, Some("Segment")) =
+            (&ty.inner, ty.name.as_deref())
         {
             check("composite", &wrong, members, *span, &module);
         }

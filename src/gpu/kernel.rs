@@ -33,7 +33,16 @@ pub const KERNELS: &[(&str, &[&str])] = &[
     ("points_starts", &[]),
     (
         "segment",
-        &["fluence", "even", "anisotropic", "nearest", "float_voxels", "emission", "history", "skip"],
+        &[
+            "fluence",
+            "even",
+            "anisotropic",
+            "nearest",
+            "float_voxels",
+            "emission",
+            "history",
+            "skip",
+        ],
     ),
     ("composite", &[]),
     ("reference", &["nearest", "float_voxels", "anisotropic", "emission"]),

@@ -132,9 +132,10 @@ impl Gpu {
         let adapters = pollster::block_on(instance().enumerate_adapters(wgpu::Backends::all()));
         if adapters.is_empty() {
             return Err(Error::Adapter {
-                what: "no Vulkan, Metal or DirectX 12 adapter was found; run ./setup.sh to install \
+                what:
+                    "no Vulkan, Metal or DirectX 12 adapter was found; run ./setup.sh to install \
                        a Vulkan loader and Mesa's software driver"
-                    .into(),
+                        .into(),
             });
         }
         let index = match choice {

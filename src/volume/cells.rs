@@ -110,8 +110,7 @@ mod tests {
                 }
             }
         }
-        Volume::new(size, DVec3::ONE, DMat3::IDENTITY, DVec3::ZERO, values)
-            .expect("a sound volume")
+        Volume::new(size, DVec3::ONE, DMat3::IDENTITY, DVec3::ZERO, values).expect("a sound volume")
     }
 
     #[test]
@@ -129,7 +128,9 @@ mod tests {
 
     #[test]
     fn masks_and_majorants_agree_with_a_plain_search() {
-        let v = volume([40, 24, 16], |i, j, k| ((i * 7919 + j * 104_729 + k * 31) % 4096 / (1 + k / 8 * 9)) as u16);
+        let v = volume([40, 24, 16], |i, j, k| {
+            ((i * 7919 + j * 104_729 + k * 31) % 4096 / (1 + k / 8 * 9)) as u16
+        });
         let cells = MacroCells::of(&v);
         let bins = Bins::uniform();
         let mut table = Table::build(&[], v.range(), None);
