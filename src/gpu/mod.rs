@@ -66,6 +66,9 @@ pub struct AdapterReport {
     pub timestamps: bool,
 }
 
+/// A kernel's name and the flags that are set, sorted.
+type KernelKey = (&'static str, Vec<&'static str>);
+
 /// A device with its queue, kernels and times.
 pub struct Gpu {
     device: wgpu::Device,
@@ -75,7 +78,7 @@ pub struct Gpu {
     /// Nanoseconds per tick, where the device has timestamps.
     tick: Option<f32>,
     faults: Arc<Mutex<Vec<String>>>,
-    kernels: Mutex<HashMap<(&'static str, Vec<&'static str>), Arc<Kernel>>>,
+    kernels: Mutex<HashMap<KernelKey, Arc<Kernel>>>,
     timings: Mutex<Timings>,
     slice_budget: Duration,
 }
