@@ -1,0 +1,204 @@
+//! The order of work changes nothing: full rebuilds are equal bit for bit, however the
+//! work is listed, batched, banded or sliced; and skipping empty cells changes nothing
+//! but histories.
+
+mod common;
+
+use std::time::Duration;
+
+use common::{gpu, truth_scene};
+use photogram::frame::DeviceScene;
+use photogram::gpu::{AdapterChoice, Gpu};
+use photogram::photon::Counters;
+use photogram::render::{PhotonFrame, Progress, Split};
+use photogram::scene::{Estimator, Filter, Scene, Weighting};
+use photogram::segment::{LightField, Segment};
+use photogram::volume::Volume;
+
+/// Everything that a rebuild leaves on the device, in an order of its own.
+struct Snapshot {
+    /// (place, state) of event k of photon p, photon by photon.
+    slots: Vec<[[u32; 4]; 2]>,
+    /// The light field's words.
+    field: Vec<[u32; 8]>,
+    segments: Vec<[u32; 6]>,
+    pixels: Vec<[u32; 3]>,
+    counts: Counters,
+}
+
+fn rebuild(gpu: &Gpu, scene: &Scene, volume: &Volume, split: &Split) -> Snapshot {
+    let device = DeviceScene::new(gpu, scene, volume).expect("uploads");
+    let mut frame = PhotonFrame::new(gpu, scene, device, scene.settings.rays, split).expect("fits");
+    frame.rebuild(gpu, split, &mut Progress::silent()).expect("rebuilds");
+    let mut slots = Vec::new();
+    for batch in &frame.map.batches {
+        let places = gpu.read::<[u32; 4]>("places", &batch.places).expect("reads");
+        let states = gpu.read::<[u32; 4]>("states", &batch.states).expect("reads");
+        let n = batch.photons as usize;
+        for p in 0..n {
+            let events = 0..frame.map.max_events as usize;
+            slots.extend(events.map(|k| [places[k * n + p], states[k * n + p]]));
+        }
+    }
+    let mut field: Vec<[u32; 8]> = match &frame.field {
+        LightField::Points(points) => {
+            let sorted = points.read(gpu).expect("reads");
+            sorted.into_iter().map(|(a, b)| bytemuck::cast([a, b])).collect()
+        }
+        LightField::Fluence(fluence) => {
+            let [r, g, b] = fluence.read(gpu).expect("reads");
+            let cell = |i: usize| bytemuck::cast([r[i], g[i], b[i], 0]);
+            (0..r.len()).map(cell).collect()
+        }
+    };
+    if matches!(frame.field, LightField::Points(_)) && frame.map.batches.len() > 1 {
+        // Each batch is sorted on its own; together they hold the same points.
+        field.sort_unstable();
+    }
+    let segments = frame.segments.read(gpu).expect("reads");
+    let image = frame.segments.image(gpu).expect("reads");
+    Snapshot {
+        slots,
+        field,
+        segments: segments.iter().map(|s: &Segment| bytemuck::cast(*s)).collect(),
+        pixels: image.rgb.iter().map(|p| p.map(f32::to_bits)).collect(),
+        counts: frame.counts(gpu).expect("reads"),
+    }
+}
+
+impl Snapshot {
+    fn without_histories(mut self) -> Self {
+        for [_, state] in &mut self.slots {
+            (state[2], state[3]) = (0, 0);
+        }
+        for segment in &mut self.segments {
+            (segment[4], segment[5]) = (0, 0);
+        }
+        self
+    }
+
+    fn points_in_any_order(mut self) -> Self {
+        self.field.sort_unstable();
+        self
+    }
+
+    /// Which part differs first, if any.
+    fn difference(&self, other: &Self) -> Option<&'static str> {
+        if self.slots != other.slots {
+            Some("slots")
+        } else if self.field != other.field {
+            Some("light field")
+        } else if self.segments != other.segments {
+            Some("segments")
+        } else {
+            (self.pixels != other.pixels).then_some("pixels")
+        }
+    }
+}
+
+/// Small scenes that between them use every estimator, filter and phase function.
+fn scenes() -> Vec<(&'static str, Scene, Volume)> {
+    let mut all = Vec::new();
+    let variants = [
+        ("fluence", "knuckle", Estimator::Fluence, Weighting::Even, Filter::Nearest),
+        ("fluence, linear", "knuckle", Estimator::Fluence, Weighting::Even, Filter::Linear),
+        ("points even", "knuckle", Estimator::Points, Weighting::Even, Filter::Linear),
+        ("points plain", "knuckle", Estimator::Points, Weighting::Plain, Filter::Nearest),
+        (
+            "points, anisotropic",
+            "cloud_forward",
+            Estimator::Points,
+            Weighting::Even,
+            Filter::Nearest,
+        ),
+    ];
+    for (label, name, estimator, weighting, filter) in variants {
+        let (mut scene, volume) = truth_scene(name);
+        scene.filter = filter;
+        (scene.camera.width, scene.camera.height) = (40, 30);
+        let settings = &mut scene.settings;
+        settings.estimator = Some(estimator);
+        settings.weighting = weighting;
+        settings.photons = 5000;
+        settings.max_events = 12;
+        settings.segments = 7;
+        settings.rays = 2;
+        settings.grid = 0.5;
+        all.push((label, scene, volume));
+    }
+    all
+}
+
+#[test]
+fn order_of_work_changes_no_bit() {
+    let plain = Split::default();
+    let splits = [
+        ("again", plain),
+        ("shuffled", Split { shuffle: Some(7), ..plain }),
+        ("bands", Split { band_rows: Some(7), ..plain }),
+        ("batches", Split { batch_photons: Some(1234), ..plain }),
+        ("all", Split { batch_photons: Some(999), band_rows: Some(4), shuffle: Some(11) }),
+    ];
+    for (label, scene, volume) in scenes() {
+        let first = rebuild(gpu(), &scene, &volume, &plain);
+        assert!(first.pixels.iter().flatten().any(|&p| p != 0), "{label} is black");
+        for (how, split) in splits {
+            let other = rebuild(gpu(), &scene, &volume, &split);
+            let difference = if split.batch_photons.is_some() {
+                let first = rebuild(gpu(), &scene, &volume, &plain);
+                first.points_in_any_order().difference(&other.points_in_any_order())
+            } else {
+                first.difference(&other)
+            };
+            assert_eq!(difference, None, "{label}, {how}");
+        }
+    }
+}
+
+#[test]
+fn slices_of_any_length_give_the_same_bits() {
+    let mut hasty = Gpu::open(&AdapterChoice::Best).expect("an adapter");
+    hasty.set_slice_budget(Duration::from_micros(200));
+    for (label, scene, volume) in scenes().into_iter().take(3) {
+        let plain = rebuild(gpu(), &scene, &volume, &Split::default());
+        let sliced = rebuild(&hasty, &scene, &volume, &Split::default());
+        assert_eq!(plain.difference(&sliced), None, "{label}");
+    }
+}
+
+#[test]
+fn skipping_empty_cells_changes_nothing_but_histories() {
+    for (label, mut scene, volume) in scenes() {
+        let skipping = rebuild(gpu(), &scene, &volume, &Split::default());
+        scene.settings.skip_empty = false;
+        let visiting = rebuild(gpu(), &scene, &volume, &Split::default());
+        let (fewer, more) = (skipping.counts, visiting.counts);
+        assert!(fewer.tentative < more.tentative, "{label}: no photon skipped a cell");
+        assert!(fewer.samples < more.samples, "{label}: no segment skipped a cell");
+        let difference = skipping.without_histories().difference(&visiting.without_histories());
+        assert_eq!(difference, None, "{label}");
+    }
+}
+
+#[test]
+fn histories_change_nothing_else() {
+    for (label, mut scene, volume) in scenes() {
+        let kept = rebuild(gpu(), &scene, &volume, &Split::default());
+        scene.settings.history = false;
+        let without = rebuild(gpu(), &scene, &volume, &Split::default());
+        assert!(without.slots.iter().all(|[_, s]| s[2] == 0 && s[3] == 0));
+        let difference = kept.without_histories().difference(&without.without_histories());
+        assert_eq!(difference, None, "{label}");
+    }
+}
+
+/// The harness can fail: another seed is another everything.
+#[test]
+fn another_seed_differs_in_every_part() {
+    let (_, mut scene, volume) = scenes().swap_remove(0);
+    let one = rebuild(gpu(), &scene, &volume, &Split::default());
+    scene.settings.seed += 1;
+    let two = rebuild(gpu(), &scene, &volume, &Split::default());
+    assert_eq!(one.difference(&two), Some("slots"));
+    assert!(one.field != two.field && one.segments != two.segments && one.pixels != two.pixels);
+}
