@@ -275,6 +275,23 @@ pub fn srgb(linear: f32) -> f32 {
     }
 }
 
+/// Refuses a path that could not be written, its folders made where they are missing.
+/// Worth asking before a long render; leaves nothing behind.
+///
+/// # Errors
+/// [`Error::Io`] where it is a folder, or the nearest folder there is takes no files.
+pub fn check_writable(path: impl AsRef<Path>) -> Result<()> {
+    let path = path.as_ref();
+    let failed = |source| Error::Io { path: path.into(), action: "write", source };
+    if path.is_dir() {
+        return Err(failed(std::io::ErrorKind::IsADirectory.into()));
+    }
+    let above = path.ancestors().skip(1);
+    let folder = above.into_iter().find(|a| a.exists()).unwrap_or(Path::new(""));
+    let probe = part_of(&folder.join("probe"));
+    File::create(&probe).and_then(|_| std::fs::remove_file(&probe)).map_err(failed)
+}
+
 /// Writes a file beside its place and moves it there when it is whole.
 ///
 /// # Errors

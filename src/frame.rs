@@ -12,6 +12,9 @@ use crate::transfer::{Bins, TABLE_ENTRIES, Table};
 use crate::volume::cells::{CELL_EDGE, MacroCells};
 use crate::volume::{Volume, Voxels};
 
+/// Layers of a flight's marks: octaves below the majorant.
+pub const LAYERS: u32 = 8;
+
 shared_struct! {
     /// What every kernel may look at; lengths in mm along the volume's axes.
     pub struct Frame {
@@ -35,10 +38,10 @@ shared_struct! {
         pub cell_mm: [f32; 3],
         /// March step under the linear filter, mm.
         pub step: f32,
-        /// Bins with any extinction.
-        pub opaque_bins: [u32; 2],
         /// Bins with any extinction or emission.
         pub visible_bins: [u32; 2],
+        /// Keeps the size a multiple of 16.
+        pub pad: [u32; 2],
     }
 }
 
@@ -75,6 +78,7 @@ pub struct DeviceScene {
     scattering: wgpu::Buffer,
     emission: wgpu::Buffer,
     cell_masks: wgpu::Buffer,
+    cell_levels: wgpu::Buffer,
     lights_buffer: wgpu::Buffer,
 }
 
@@ -106,8 +110,8 @@ impl DeviceScene {
             majorant: majorant as f32,
             cell_mm: (spacing * CELL_EDGE as f32).to_array(),
             step: spacing.min_element() * settings.step as f32,
-            opaque_bins: bins_where(&bins, |e| table.extinction[e] > 0.0),
-            visible_bins: bins_where(&bins, |e| !table.is_empty_entry(e)),
+            visible_bins: words(table.opaque_mask(&bins)),
+            pad: [0; 2],
         };
         let optics: Vec<_> = (0..TABLE_ENTRIES)
             .map(|e| Optics { extinction: table.extinction[e], bin: bins.bin_of_entry[e] })
@@ -119,6 +123,8 @@ impl DeviceScene {
             })
             .collect();
         let emission: Vec<_> = table.emission.iter().map(|&[r, g, b]| [r, g, b, 0.0]).collect();
+        let greatest = cells.majorants(&table, 0.0);
+        let levels: Vec<_> = greatest.iter().map(|&g| first_layer(g, frame.majorant)).collect();
         let (volume_view, volume_bytes) = upload_volume(gpu, volume)?;
         Ok(Self {
             frame_buffer: gpu.upload("frame", &[frame])?,
@@ -126,6 +132,7 @@ impl DeviceScene {
             scattering: gpu.upload("scattering", &scattering)?,
             emission: gpu.upload("emission", &emission)?,
             cell_masks: gpu.upload("cell masks", &cells.masks(&bins))?,
+            cell_levels: gpu.upload("cell levels", &levels)?,
             lights_buffer: gpu.upload("lights", &[lights])?,
             volume: volume_view,
             volume_bytes,
@@ -150,6 +157,7 @@ impl DeviceScene {
             ("scattering", (&self.scattering).into()),
             ("emission", (&self.emission).into()),
             ("cell_masks", (&self.cell_masks).into()),
+            ("cell_levels", (&self.cell_levels).into()),
             ("lights", (&self.lights_buffer).into()),
         ]
     }
@@ -173,9 +181,18 @@ impl DeviceScene {
     }
 }
 
-fn bins_where(bins: &Bins, holds: impl Fn(usize) -> bool) -> [u32; 2] {
-    let mask = (0..TABLE_ENTRIES).filter(|&e| holds(e)).fold(0, |mask, e| mask | bins.bit(e));
+fn words(mask: u64) -> [u32; 2] {
     [mask as u32, (mask >> 32) as u32]
+}
+
+/// The first layer of marks that can be real where extinction is at most `greatest`:
+/// layers before k have marks of 2^-k and above. [`LAYERS`] where none can.
+fn first_layer(greatest: f32, majorant: f32) -> u32 {
+    if greatest <= 0.0 {
+        return LAYERS;
+    }
+    let holds = |k: &u32| greatest <= majorant * 0.5_f32.powi(*k as i32);
+    (1..LAYERS).take_while(holds).last().unwrap_or(0)
 }
 
 /// A texture rather than a buffer: its size is not bound by a binding's.

@@ -1,7 +1,7 @@
 //! The command line: parses and prints, and leaves the rest to the library.
 
 use std::fmt::Write as _;
-use std::io::IsTerminal;
+use std::io::{ErrorKind, IsTerminal, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -9,7 +9,7 @@ use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
 use comfy_table::{CellAlignment, Table, presets};
 use photogram::demo;
-use photogram::film::{Format, Notes};
+use photogram::film::{self, Format, Notes};
 use photogram::gpu::{self, AdapterChoice, Gpu};
 use photogram::render::{Progress, Rendered, Report, Split, render};
 use photogram::scene::{Estimator, Method, Scale, Scene, VolumeSource, Weighting};
@@ -92,27 +92,27 @@ struct RenderArgs {
     #[arg(long)]
     weighting: Option<Weighting>,
     /// Photons of a light of share 1
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     photons: Option<u64>,
     /// Scattering events kept along a photon
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     max_events: Option<u32>,
     /// Gather radius, mm
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     radius: Option<f64>,
     /// Fluence cells per voxel along an axis
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     grid: Option<f64>,
     /// Segments along a view ray
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     segments: Option<u32>,
     /// Rays a pixel
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     rays: Option<u32>,
     /// Samples a pixel of `reference` and `mcvr`
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     samples: Option<u32>,
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     seed: Option<u64>,
     /// Pixels, as WIDTHxHEIGHT
     #[arg(long, value_parser = image_size)]
@@ -131,7 +131,16 @@ fn image_size(text: &str) -> std::result::Result<(u32, u32), String> {
     Ok((width.parse().map_err(|_| wrong())?, height.parse().map_err(|_| wrong())?))
 }
 
+/// Keeps Mesa's device-select layer from complaining where there is no display to ask.
+fn without_display() {
+    if std::env::var_os("XDG_RUNTIME_DIR").is_none() {
+        // SAFETY: called first in `main`, while there is one thread.
+        unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
+    }
+}
+
 fn main() -> ExitCode {
+    without_display();
     match run(&Cli::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
@@ -150,6 +159,7 @@ fn run(cli: &Cli) -> Result<()> {
         Command::Demo { out, json } => run_demo(&adapter, out, json.as_deref()),
         Command::Render(args) => run_render(&adapter, args),
         Command::Info { volume, adapters, json } => {
+            check_places(&[json.as_deref()])?;
             if *adapters {
                 list_adapters(json.as_deref())?;
             }
@@ -157,10 +167,11 @@ fn run(cli: &Cli) -> Result<()> {
         }
         Command::Phantom { name, out, size } => {
             let phantom: Phantom = name.parse()?;
+            check_places(&[Some(out)])?;
             let volume = volume::phantom::build(phantom, *size)?;
+            make_folder(out)?;
             volume::nrrd::write(&volume, out)?;
-            println!("{}: {phantom}, {}", out.display(), dimensions(&volume));
-            Ok(())
+            say(format_args!("{}: {phantom}, {}", out.display(), dimensions(&volume)))
         }
     }
 }
@@ -201,32 +212,28 @@ fn prepare(args: &RenderArgs) -> Result<(Scene, Volume)> {
 
 fn run_render(adapter: &AdapterChoice, args: &RenderArgs) -> Result<()> {
     let format = Format::of(&args.out)?;
+    check_places(&[Some(&args.out), args.json.as_deref()])?;
     let (scene, volume) = prepare(args)?;
     scene.check_against(&volume)?;
     let gpu = Gpu::open(adapter)?;
     let rendered =
         with_progress(|progress| render(&gpu, &scene, &volume, &Split::default(), progress))?;
     let notes = Notes { scene: scene.to_toml(), provenance: provenance(&rendered.report) };
-    let folder = args.out.parent().filter(|p| !p.as_os_str().is_empty());
-    if let Some(folder) = folder {
-        std::fs::create_dir_all(folder)
-            .with_context(|| format!("cannot make {}", folder.display()))?;
-    }
+    make_folder(&args.out)?;
     match (format, &rendered.error) {
         (Format::Exr, Some(error)) => {
             rendered.image.write_exr(&args.out, &[("stderr", error)], &notes)?;
         }
         _ => rendered.image.write(&args.out, scene.film, &notes)?,
     }
-    print!("{}", summary(&rendered));
-    println!("{}", args.out.display());
+    say(format_args!("{}{}", summary(&rendered), args.out.display()))?;
     args.json.as_deref().map_or(Ok(()), |path| write_json(path, &rendered.report))
 }
 
 fn run_demo(adapter: &AdapterChoice, out: &Path, json: Option<&Path>) -> Result<()> {
-    std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
+    check_places(&[Some(&out.join("before.png")), json])?;
     let gpu = Gpu::open(adapter)?;
-    println!("adapter: {} ({})", gpu.report().name, gpu.report().kind);
+    say(format_args!("adapter: {} ({})", gpu.report().name, gpu.report().kind))?;
     let shots = with_progress(|progress| demo::run(&gpu, progress))?;
     let mut table = Table::new();
     table.load_style(presets::NOTHING).set_header(demo_header(&shots));
@@ -234,20 +241,21 @@ fn run_demo(adapter: &AdapterChoice, out: &Path, json: Option<&Path>) -> Result<
         let path = out.join(format!("{}.png", shot.name));
         let notes =
             Notes { scene: shot.scene.to_toml(), provenance: provenance(&shot.rendered.report) };
+        make_folder(&path)?;
         shot.rendered.image.write(&path, shot.scene.film, &notes)?;
         table.add_row(demo_row(shot));
-        println!("{}", path.display());
+        say(path.display())?;
     }
     align_right(&mut table);
     let first = &shots[0].rendered.report;
-    println!(
+    say(format_args!(
         "\n{} photons, up to {} events; {} segments; {}; full rebuild each, ms by {}\n{table}",
         first.photons,
         first.max_events,
         first.segments,
         first.estimator.unwrap_or_default(),
         first.clock
-    );
+    ))?;
     let reports: Vec<_> = shots.iter().map(|shot| (&shot.name, &shot.rendered.report)).collect();
     json.map_or(Ok(()), |path| write_json(path, &reports))
 }
@@ -271,12 +279,7 @@ fn align_right(table: &mut Table) {
 }
 
 fn list_adapters(json: Option<&Path>) -> Result<()> {
-    let adapters = gpu::adapters();
-    anyhow::ensure!(
-        !adapters.is_empty(),
-        "no Vulkan, Metal or DirectX 12 adapter was found; run ./setup.sh to install a Vulkan \
-         loader and Mesa's software driver"
-    );
+    let adapters = gpu::adapters()?;
     let mut table = Table::new();
     table.load_style(presets::NOTHING).set_header([
         "",
@@ -302,7 +305,7 @@ fn list_adapters(json: Option<&Path>) -> Result<()> {
             if a.timestamps { "yes" } else { "no" }.to_owned(),
         ]);
     }
-    println!("{table}");
+    say(&table)?;
     json.map_or(Ok(()), |path| write_json(path, &adapters))
 }
 
@@ -314,19 +317,19 @@ fn dimensions(volume: &Volume) -> String {
 fn describe(path: &Path, json: Option<&Path>) -> Result<()> {
     let volume = volume::load(path)?;
     let [low, high] = volume.range();
-    println!("{}: {}, {}", path.display(), dimensions(&volume), volume.voxels().name());
-    println!("origin {:.3} mm (left, posterior, superior)", volume.origin());
+    say(format_args!("{}: {}, {}", path.display(), dimensions(&volume), volume.voxels().name()))?;
+    say(format_args!("origin {:.3} mm (left, posterior, superior)", volume.origin()))?;
     for (name, axis) in ["i", "j", "k"].iter().zip([0, 1, 2].map(|a| volume.axes().col(a))) {
-        println!("{name} runs along {axis:.4}");
+        say(format_args!("{name} runs along {axis:.4}"))?;
     }
-    println!("values {low} to {high}");
+    say(format_args!("values {low} to {high}"))?;
     let counts = volume.histogram(32);
     let most = counts.iter().map(|&n| n as f64).fold(1.0, f64::max).ln_1p();
     for (i, &n) in counts.iter().enumerate() {
         let value =
             transfer::entry_value((2 * i + 1) * transfer::TABLE_ENTRIES / 64, volume.range());
         let bar = "#".repeat(((n as f64).ln_1p() / most * 40.0).round() as usize);
-        println!("{value:>12.3} {n:>12} {bar}");
+        say(format_args!("{value:>12.3} {n:>12} {bar}"))?;
     }
     json.map_or(Ok(()), |path| {
         write_json(
@@ -396,13 +399,31 @@ fn summary(rendered: &Rendered) -> String {
     text
 }
 
-/// Written to a neighbour and renamed, so that a failure leaves nothing half-written.
 fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<()> {
     let text = serde_json::to_string_pretty(value)?;
-    let fresh = path.with_extension("json.part");
-    std::fs::write(&fresh, text)
-        .and_then(|()| std::fs::rename(&fresh, path))
-        .with_context(|| format!("cannot write {}", path.display()))
+    make_folder(path)?;
+    Ok(film::write_whole(path, |file| {
+        let failed = |source| photogram::Error::Io { path: path.into(), action: "write", source };
+        writeln!(file, "{text}").map_err(failed)
+    })?)
+}
+
+/// Refuses, before the work, output paths that it could not be written to after it.
+fn check_places(paths: &[Option<&Path>]) -> Result<()> {
+    Ok(paths.iter().flatten().try_for_each(film::check_writable)?)
+}
+
+fn make_folder(file: &Path) -> Result<()> {
+    let folder = file.parent().unwrap_or(Path::new(""));
+    std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))
+}
+
+/// Prints to standard output; a reader that has heard enough is no error.
+fn say(text: impl std::fmt::Display) -> Result<()> {
+    match writeln!(std::io::stdout(), "{text}") {
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
+        said => said.context("cannot write to standard output"),
+    }
 }
 
 /// Shows a bar on a terminal, and nothing in a pipe.

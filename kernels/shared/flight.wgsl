@@ -1,12 +1,19 @@
 // Free flight by marks, H(6) without its march-step bias.
 //
 // Tentative collisions form a Poisson process of the scene's fixed majorant; each
-// carries a mark in [0, 1) and is real where mark * majorant < extinction. The
-// process restarts at every macro-cell, keyed by the cell, so a skipped cell needs
-// no draws and no random point depends on the materials.
+// carries a mark in [0, 1) and is real where mark * majorant < extinction. The process
+// restarts at every macro-cell and is the sum of independent layers, one for each
+// octave of marks: layer k has the marks in [2^-(k+1), 2^-k), the last layer all below.
+// Draws are keyed by photon, event, cell and layer, so no random point depends on the
+// materials; and where a cell's extinction stays below majorant * 2^-k, the layers
+// before k need not be drawn at all, since nothing in them could be real.
 
 import package::shared::random::{pcg4d, unit, exponential};
-import package::shared::scene::{frame, optics, cell_masks, entry_at, bin_bit, cell_index};
+import package::shared::scene::{
+    frame, optics, cell_masks, cell_levels, entry_at, bin_bit, cell_index
+};
+import package::constants::LAYERS;
+import package::shared::slot::power_of_two;
 import package::shared::walk::{line, inside, walk_begin, walk_leave, walk_step};
 
 struct Flight {
@@ -20,39 +27,45 @@ struct Flight {
 fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>) -> Flight {
     let l = line(origin, direction);
     let leave = inside(l, frame.extent).y;
-    let mean_free_path = 1.0 / frame.majorant;
-    var history = vec2<u32>(0u);
-    var tentative = 0u;
+    var result = Flight(max(leave, 0.0), 0u, false, vec2<u32>(0u), 0u);
     var t_in = 0.0;
     var w = walk_begin(l, 0.0, frame.cell_mm, frame.cells);
     loop {
-        let t_out = min(walk_leave(w), leave);
+        var t_out = min(walk_leave(w), leave);
         let cell = cell_index(w.cell);
-        var vacant = false;
-        @if(skip) {
-            let mask = cell_masks[cell];
-            vacant = all((mask & frame.opaque_bins) == vec2<u32>(0u));
-            if vacant {
-                @if(history) { history |= mask; }
-            }
+        var level = 0u;
+        @if(skip) { level = cell_levels[cell]; }
+        @if(history) {
+            // What is not drawn relied on every value that the cell can have.
+            if level > 0u { result.history |= cell_masks[cell]; }
         }
-        if !vacant {
+        for (var layer = level; layer < LAYERS; layer++) {
+            let last = layer == LAYERS - 1u;
+            let width = power_of_two(-i32(select(layer + 1u, layer, last)));
+            let floor_of_marks = select(width, 0.0, last);
             var t = t_in;
             for (var j = 0u; ; j++) {
-                let words = pcg4d(vec4<u32>(key, cell, j));
-                t += exponential(unit(words.x)) * mean_free_path;
+                let words = pcg4d(vec4<u32>(key, cell * LAYERS + layer, j));
+                t += exponential(unit(words.x)) / (frame.majorant * width);
                 if t >= t_out { break; }
-                tentative++;
+                result.tentative++;
                 let entry = entry_at(origin + direction * t);
                 let o = optics[entry];
-                @if(history) { history |= bin_bit(o.bin); }
-                if unit(words.y) * frame.majorant < o.extinction {
-                    return Flight(t, entry, true, history, tentative);
+                @if(history) { result.history |= bin_bit(o.bin); }
+                let mark = floor_of_marks + unit(words.y) * width;
+                if mark * frame.majorant < o.extinction {
+                    // The first real collision of this layer; another may still be nearer.
+                    t_out = t;
+                    result.distance = t;
+                    result.entry = entry;
+                    result.collided = true;
+                    break;
                 }
             }
         }
+        if result.collided { break; }
         t_in = max(t_out, t_in);
         if t_out >= leave || !walk_step(&w, l, frame.cell_mm, frame.cells) { break; }
     }
-    return Flight(max(leave, 0.0), 0u, false, history, tentative);
+    return result;
 }

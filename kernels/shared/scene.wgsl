@@ -16,8 +16,8 @@ struct Frame {
     majorant: f32,            // 1/mm, the scene's fixed rate of tentative collisions
     cell_mm: vec3<f32>,       // edge of a macro-cell
     step: f32,                // mm between march samples under the linear filter
-    opaque_bins: vec2<u32>,   // bins with any extinction
     visible_bins: vec2<u32>,  // bins with any extinction or emission
+    pad: vec2<u32>,
 }
 
 // What decides a collision, and the historygram bin of a table entry.
@@ -75,3 +75,7 @@ fn cell_index(cell: vec3<i32>) -> u32 {
     let c = vec3<u32>(cell);
     return (c.z * frame.cells.y + c.y) * frame.cells.x + c.x;
 }
+
+// The first layer of marks that can be real in each macro-cell (see flight.wgsl);
+// LAYERS where none can.
+@group(0) @binding(15) var<storage, read> cell_levels: array<u32>;

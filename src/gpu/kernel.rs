@@ -121,6 +121,7 @@ fn constants_module() -> String {
         ("LIGHT_DIRECTIONAL", crate::light::LIGHT_DIRECTIONAL),
         ("LIGHT_RECTANGLE", crate::light::LIGHT_RECTANGLE),
         ("LIGHT_SURROUNDINGS", crate::light::LIGHT_SURROUNDINGS),
+        ("LAYERS", crate::frame::LAYERS),
         ("CELL_EDGE", crate::volume::cells::CELL_EDGE),
         ("SCAN_BLOCK", super::scan::SCAN_BLOCK),
         ("SORT_BLOCK", super::sort::SORT_BLOCK),

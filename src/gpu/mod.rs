@@ -35,6 +35,16 @@ pub enum AdapterChoice {
     Name(String),
 }
 
+impl std::fmt::Display for AdapterChoice {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Best => f.write_str("any"),
+            Self::Index(index) => write!(f, "index {index}"),
+            Self::Name(name) => write!(f, "`{name}`"),
+        }
+    }
+}
+
 impl std::str::FromStr for AdapterChoice {
     type Err = std::convert::Infallible;
 
@@ -120,10 +130,25 @@ fn describe(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
     }
 }
 
-/// Every adapter of this machine, in the driver's order.
-pub fn adapters() -> Vec<AdapterReport> {
+fn found() -> Result<Vec<wgpu::Adapter>> {
     let found = pollster::block_on(instance().enumerate_adapters(wgpu::Backends::all()));
-    found.iter().enumerate().map(|(index, adapter)| describe(index, adapter)).collect()
+    match found.is_empty() {
+        false => Ok(found),
+        true => Err(Error::Adapter {
+            what: "no Vulkan, Metal or DirectX 12 adapter was found; run ./setup.sh to install a \
+                   Vulkan loader and Mesa's software driver (Debian: libvulkan1, \
+                   mesa-vulkan-drivers)"
+                .into(),
+        }),
+    }
+}
+
+/// Every adapter of this machine, in the driver's order.
+///
+/// # Errors
+/// There is none.
+pub fn adapters() -> Result<Vec<AdapterReport>> {
+    Ok(found()?.iter().enumerate().map(|(index, adapter)| describe(index, adapter)).collect())
 }
 
 impl Gpu {
@@ -132,15 +157,7 @@ impl Gpu {
     /// # Errors
     /// No adapter, none of that name or index, or one below WebGPU's default limits.
     pub fn open(choice: &AdapterChoice) -> Result<Self> {
-        let adapters = pollster::block_on(instance().enumerate_adapters(wgpu::Backends::all()));
-        if adapters.is_empty() {
-            return Err(Error::Adapter {
-                what:
-                    "no Vulkan, Metal or DirectX 12 adapter was found; run ./setup.sh to install \
-                       a Vulkan loader and Mesa's software driver"
-                        .into(),
-            });
-        }
+        let adapters = found()?;
         let index = match choice {
             AdapterChoice::Best => {
                 (0..adapters.len()).min_by_key(|&i| kind(&adapters[i].get_info()).1)
@@ -158,7 +175,7 @@ impl Gpu {
                 .collect();
             return Err(Error::Adapter {
                 what: format!(
-                    "no adapter matches {choice:?}; this machine has {}",
+                    "no adapter matches {choice}; this machine has {}",
                     names.join(", ")
                 ),
             });

@@ -59,3 +59,62 @@ pub fn rendered(scene: &Scene, volume: &Volume) -> Rendered {
 pub fn mean(image: &Image) -> f64 {
     image.rgb.iter().flatten().map(|&x| f64::from(x)).sum::<f64>() / (3 * image.rgb.len()) as f64
 }
+
+/// A scene of this text over a volume made by the test, settled. The text needs
+/// no `[volume]`.
+pub fn scene_over(volume: &Volume, text: &str) -> Scene {
+    let text = format!("{text}\n[volume]\nfile = \"made by the test\"\n");
+    let mut scene = Scene::parse(&text, "test.toml").expect("the scene reads");
+    scene.settle(volume);
+    scene
+}
+
+/// Comparisons of draws or estimates with what must be, judged together.
+#[derive(Default)]
+pub struct Judged(Vec<(String, f64)>);
+
+impl Judged {
+    /// Chance that a right program fails one test, however many comparisons it makes.
+    pub const SIGNIFICANCE: f64 = 1e-3;
+
+    /// Pearson's chi-square: counts against the shares that they must have; bins of
+    /// fewer than ten are judged as one.
+    pub fn counts(&mut self, name: impl Into<String>, observed: &[u64], shares: &[f64]) {
+        use statrs::distribution::{ChiSquared, ContinuousCDF};
+        assert_eq!(observed.len(), shares.len());
+        let total = observed.iter().sum::<u64>() as f64 / shares.iter().sum::<f64>();
+        let (mut chi, mut bins, mut rest) = (0.0, 0, (0.0, 0.0));
+        let mut add = |o: f64, e: f64| {
+            chi += (o - e).powi(2) / e;
+            bins += 1;
+        };
+        for (&o, &share) in observed.iter().zip(shares) {
+            let (o, e) = (o as f64, share * total);
+            match e < 10.0 {
+                true => rest = (rest.0 + o, rest.1 + e),
+                false => add(o, e),
+            }
+        }
+        if rest.0 + rest.1 > 0.0 {
+            add(rest.0, rest.1);
+        }
+        let law = ChiSquared::new(f64::from(bins - 1)).expect("there are two bins or more");
+        self.0.push((format!("{}: chi-square {chi:.1} of {bins} bins", name.into()), law.sf(chi)));
+    }
+
+    /// An estimate with its standard error; a millionth is left to rounding.
+    pub fn estimate(&mut self, name: impl Into<String>, mean: f64, error: f64, truth: f64) {
+        use statrs::distribution::{ContinuousCDF, Normal};
+        let z = (mean - truth) / error.hypot(1e-6 * truth.abs()).max(f64::MIN_POSITIVE);
+        let p = 2.0 * Normal::standard().cdf(-z.abs());
+        self.0.push((format!("{}: {mean:.6} for {truth:.6}, z {z:.2}", name.into()), p));
+    }
+
+    /// Whether all hold, corrected for their number (Bonferroni).
+    pub fn hold(&self) -> bool {
+        let worst = self.0.iter().min_by(|a, b| a.1.total_cmp(&b.1)).expect("something is judged");
+        let p = worst.1 * self.0.len() as f64;
+        println!("{} comparisons, the worst {} (p x number {p:.2e})", self.0.len(), worst.0);
+        p > Self::SIGNIFICANCE
+    }
+}

@@ -1,0 +1,252 @@
+//! The reference and the photon map against what can be worked out on paper:
+//! transmittance, single scattering, the furnace, emission.
+
+mod common;
+
+use std::f64::consts::PI;
+
+use common::{Judged, gpu, mean, rendered, scene_over};
+use glam::{DMat3, DVec3, dvec3};
+use photogram::film::Image;
+use photogram::frame::DeviceScene;
+use photogram::reference::Reference;
+use photogram::render::Progress;
+use photogram::scene::{Estimator, Filter, Method, Scene};
+use photogram::volume::Volume;
+
+const FILTERS: [Filter; 2] = [Filter::Nearest, Filter::Linear];
+/// The homogeneous box, mm; its corner is the origin.
+const BOX: DVec3 = dvec3(16.0, 12.0, 20.0);
+const PIXELS: u32 = 16;
+
+/// The box, of cubic voxels.
+fn volume(voxel: f64) -> Volume {
+    let size = (BOX / voxel).to_array().map(|n| n.round() as u32);
+    let values = vec![0u8; size.iter().product::<u32>() as usize];
+    Volume::new(size, DVec3::splat(voxel), DMat3::IDENTITY, DVec3::splat(voxel / 2.0), values)
+        .expect("a sound volume")
+}
+
+/// The box made of one material, seen from askew; some rays miss it.
+fn scene(volume: &Volume, material: &str, rest: &str) -> Scene {
+    let text = format!(
+        "[camera]\norigin = [40, -50, 31]\ntarget = [8, 6, 10]\nfov_deg = 24\n\
+         width = {PIXELS}\nheight = {PIXELS}\n\
+         [[material]]\nname = \"all\"\nwindow = [-1, 1]\n{material}\n{rest}"
+    );
+    let mut scene = scene_over(volume, &text);
+    scene.settings.rays = 1;
+    scene
+}
+
+/// The ray through an image point in pixels: origin and unit direction.
+fn ray(scene: &Scene, x: f64, y: f64) -> (DVec3, DVec3) {
+    let view = scene.camera.view().expect("it is placed");
+    let half = f64::from(PIXELS) / 2.0;
+    let d = view.forward + (x / half - 1.0) * view.right + (y / half - 1.0) * view.down;
+    (view.origin, d.normalize())
+}
+
+/// Where a ray enters and leaves the box.
+fn span(origin: DVec3, d: DVec3) -> Option<(f64, f64)> {
+    let (a, b) = (-origin / d, (BOX - origin) / d);
+    let (near, far) = (a.min(b).max_element().max(0.0), a.max(b).min_element());
+    (far > near).then_some((near, far))
+}
+
+fn pixels() -> impl Iterator<Item = (u32, u32)> {
+    (0..PIXELS * PIXELS).map(|i| (i % PIXELS, i / PIXELS))
+}
+
+/// A function of the ray through each pixel's centre.
+fn centres(scene: &Scene, f: impl Fn(DVec3, DVec3) -> f64) -> Vec<f64> {
+    let at = |(x, y)| ray(scene, f64::from(x) + 0.5, f64::from(y) + 0.5);
+    pixels().map(at).map(|(o, d)| f(o, d)).collect()
+}
+
+/// The same as the mean over each pixel; a pixel that the box's outline crosses is finely cut.
+fn means(scene: &Scene, f: impl Fn(DVec3, DVec3) -> f64) -> Vec<f64> {
+    const CUT: u32 = 24;
+    let part = |i: u32| (f64::from(i) + 0.5) / f64::from(CUT);
+    let pixel = |(x, y): (u32, u32)| {
+        let parts = (0..CUT * CUT).map(|i| {
+            let (o, d) = ray(scene, f64::from(x) + part(i % CUT), f64::from(y) + part(i / CUT));
+            f(o, d)
+        });
+        parts.sum::<f64>() / f64::from(CUT * CUT)
+    };
+    pixels().map(pixel).collect()
+}
+
+fn reference(scene: &Scene, volume: &Volume, samples: u32) -> (Image, Image) {
+    let mut scene = scene.clone();
+    scene.settings.method = Method::Reference;
+    let device = DeviceScene::new(gpu(), &scene, volume).expect("uploads");
+    let mut reference = Reference::new(gpu(), &scene, &device).expect("fits");
+    reference.add(gpu(), &device, samples, &mut Progress::silent()).expect("traces");
+    reference.image(gpu()).expect("reads")
+}
+
+/// The reference's red against a truth: each pixel that is sharp enough, and the mean.
+fn judge_reference(name: &str, scene: &Scene, volume: &Volume, samples: u32, truth: &[f64]) -> bool {
+    let (image, error) = reference(scene, volume, samples);
+    let mut judged = Judged::default();
+    let (mut sum, mut squares) = (0.0, 0.0);
+    for (i, &truth) in truth.iter().enumerate() {
+        let (x, e) = (f64::from(image.rgb[i][0]), f64::from(error.rgb[i][0]));
+        sum += x;
+        squares += e * e;
+        // Of a mean that few samples make up, neither the law nor the error is known.
+        if e == 0.0 || e < 0.1 * truth {
+            judged.estimate(format!("{name}, pixel {i}"), x, e, truth);
+        }
+    }
+    judged.estimate(format!("{name}, mean"), sum, squares.sqrt(), truth.iter().sum());
+    judged.hold()
+}
+
+/// The greatest difference of the photon map's red from a truth.
+fn photon_map_off(scene: &Scene, volume: &Volume, truth: &[f64]) -> f64 {
+    let image = rendered(scene, volume).image;
+    let off = |(x, truth): (&[f32; 3], &f64)| (f64::from(x[0]) - truth).abs();
+    let all = image.rgb.iter().zip(truth).map(off);
+    all.fold(0.0, |worst, x| if x >= worst { x } else if x.is_nan() { f64::NAN } else { worst })
+}
+
+const FEEBLE: &str = "[[light]]\nkind = \"surroundings\"\nradiance = 0\n[settings]\nphotons = 100\n";
+
+fn through(extinction: f64) -> impl Fn(DVec3, DVec3) -> f64 {
+    move |o, d| span(o, d).map_or(1.0, |(near, far)| (-extinction * (far - near)).exp())
+}
+
+#[test]
+fn a_background_is_seen_through_a_slab_as_beer_and_lambert_say() {
+    let volume = volume(1.0);
+    for filter in FILTERS {
+        let mut scene = scene(&volume, "extinction = 0.11\nalbedo = 0", FEEBLE);
+        scene.background = DVec3::ONE;
+        scene.filter = filter;
+        let truth = means(&scene, through(0.11));
+        assert!(judge_reference("transmittance", &scene, &volume, 4096, &truth), "{filter}");
+        let truth = means(&scene, through(0.1122));
+        assert!(!judge_reference("2 % off", &scene, &volume, 4096, &truth), "{filter}");
+        let off = photon_map_off(&scene, &volume, &centres(&scene, through(0.11)));
+        println!("photon map, {filter}: within {off:.1e}");
+        assert!(off < 1e-4, "{filter}: off by {off:.1e}");
+        let off = photon_map_off(&scene, &volume, &centres(&scene, through(0.1111)));
+        assert!(off > 1e-4, "{filter}: a fault of 1 % went unseen");
+    }
+}
+
+/// Gauss and Legendre with five nodes on each of `panels`.
+fn integral(a: f64, b: f64, panels: u32, f: impl Fn(f64) -> f64) -> f64 {
+    const NODES: [(f64, f64); 5] = [
+        (-0.906_179_845_938_664, 0.236_926_885_056_189),
+        (-0.538_469_310_105_683, 0.478_628_670_499_366),
+        (0.0, 0.568_888_888_888_889),
+        (0.538_469_310_105_683, 0.478_628_670_499_366),
+        (0.906_179_845_938_664, 0.236_926_885_056_189),
+    ];
+    let half = (b - a) / f64::from(panels) / 2.0;
+    let middles = (0..panels).map(|i| a + half * f64::from(2 * i + 1));
+    middles.map(|m| NODES.map(|(x, w)| w * half * f(m + half * x)).iter().sum::<f64>()).sum()
+}
+
+/// A light of the single-scattering tests.
+#[derive(Clone, Copy)]
+enum Sun {
+    Directional(DVec3),
+    Point(DVec3),
+}
+
+impl Sun {
+    /// Irradiance 3 W/mm2, or intensity 900 W/sr.
+    fn text(self) -> String {
+        match self {
+            Self::Directional(d) => format!(
+                "[[light]]\nkind = \"directional\"\ndirection = [{}, {}, {}]\nirradiance = 3\n",
+                d.x, d.y, d.z
+            ),
+            Self::Point(p) => format!(
+                "[[light]]\nkind = \"point\"\nposition = [{}, {}, {}]\nintensity = 900\n",
+                p.x, p.y, p.z
+            ),
+        }
+    }
+
+    /// Irradiance at a point through the medium, and the direction of travel.
+    fn at(self, point: DVec3, extinction: f64) -> (f64, DVec3) {
+        let (strength, travel, away) = match self {
+            Self::Directional(d) => (3.0, d.normalize(), f64::INFINITY),
+            Self::Point(p) => {
+                let away = (point - p).length();
+                (900.0 / away.powi(2), (point - p) / away, away)
+            }
+        };
+        let (_, far) = span(point, -travel).unwrap_or((0.0, 0.0));
+        (strength * (-extinction * far.min(away)).exp(), travel)
+    }
+}
+
+/// Radiance of light scattered once toward the viewer.
+fn scattered_once(sun: Sun, extinction: f64, albedo: f64, g: f64) -> impl Fn(DVec3, DVec3) -> f64 {
+    move |o, d| {
+        let Some((near, far)) = span(o, d) else { return 0.0 };
+        integral(near, far, 12, |t| {
+            let (light, travel) = sun.at(o + d * t, extinction);
+            let across = 1.0 + g * g - 2.0 * g * travel.dot(-d);
+            let phase = (1.0 - g * g) / (4.0 * PI * across.powf(1.5));
+            (-extinction * (t - near)).exp() * extinction * albedo * phase * light
+        })
+    }
+}
+
+const SUNS: [(&str, Sun); 3] = [
+    ("a sun", Sun::Directional(dvec3(0.4, 0.7, -0.6))),
+    ("a point", Sun::Point(dvec3(-9.0, -12.0, 26.0))),
+    ("a point within", Sun::Point(dvec3(5.1, 7.3, 12.2))),
+];
+
+#[test]
+fn the_reference_scatters_once_as_quadrature_says() {
+    let volume = volume(1.0);
+    // Near a point light within, the radiance has no variance to judge by.
+    for (name, sun) in &SUNS[..2] {
+        for (filter, g) in [(Filter::Nearest, 0.0), (Filter::Linear, 0.6), (Filter::Nearest, -0.4)] {
+            let material = format!("extinction = 0.09\nalbedo = 0.8\nphase_g = {g}");
+            let mut scene = scene(&volume, &material, &sun.text());
+            scene.filter = filter;
+            scene.settings.reference_events = Some(1);
+            let name = format!("{name}, g {g}");
+            let truth = means(&scene, scattered_once(*sun, 0.09, 0.8, g));
+            assert!(judge_reference(&name, &scene, &volume, 2048, &truth));
+            let truth = means(&scene, scattered_once(*sun, 0.09, 0.8 * 1.02, g));
+            assert!(!judge_reference("2 % off", &scene, &volume, 2048, &truth));
+        }
+    }
+}
+
+/// Root of the mean square difference, over the root of the truth's.
+fn relative_error(image: &Image, truth: &[f64]) -> f64 {
+    let off = image.rgb.iter().zip(truth).map(|(x, t)| (f64::from(x[0]) - t).powi(2));
+    (off.sum::<f64>() / truth.iter().map(|t| t * t).sum::<f64>()).sqrt()
+}
+
+#[test]
+fn the_photon_map_scatters_once_with_an_error_that_falls_with_the_grid() {
+    let volume = volume(1.0);
+    for (name, sun) in SUNS {
+        let mut scene = scene(&volume, "extinction = 0.09\nalbedo = 0.8", &sun.text());
+        scene.settings.estimator = Some(Estimator::Fluence);
+        scene.settings.max_events = 1;
+        scene.settings.photons = 1_000_000;
+        let truth = centres(&scene, scattered_once(sun, 0.09, 0.8, 0.0));
+        let errors = [0.25, 0.5, 1.0].map(|grid| {
+            scene.settings.grid = grid;
+            relative_error(&rendered(&scene, &volume).image, &truth)
+        });
+        println!("{name}: relative error {errors:.4?} at cells of 4, 2, 1 mm");
+        assert!(errors[2] < 0.02, "{name}: {errors:?}");
+        assert!(errors[1] < 0.7 * errors[0] && errors[2] < 0.7 * errors[1], "{name}: {errors:?}");
+    }
+}

@@ -1,0 +1,163 @@
+//! The GPU's prefix sum and radix sort against plain host code, for many sizes.
+
+mod common;
+
+use common::gpu;
+use photogram::gpu::scan::Scanner;
+use photogram::gpu::sort::Sorter;
+use photogram::light::hash;
+
+/// About the edges of work groups and blocks, and over the square of a block.
+const SIZES: [usize; 14] =
+    [0, 1, 2, 3, 63, 64, 65, 1023, 1024, 1025, 2048, 4097, 100_000, 1_100_000];
+/// Words beyond the end that nobody may touch.
+const MARGIN: usize = 70;
+const UNTOUCHED: u32 = 0xdead_beef;
+
+fn random(seed: u64, count: usize) -> Vec<u32> {
+    (0..count as u64).map(|i| hash(seed << 32 ^ i)).collect()
+}
+
+/// The words on the device, with a margin.
+fn uploaded(words: &[u32]) -> wgpu::Buffer {
+    let padded = [words, &[UNTOUCHED; MARGIN]].concat();
+    gpu().upload("words", &padded).expect("it fits")
+}
+
+/// The words back, their margin found untouched.
+fn fetched(buffer: &wgpu::Buffer) -> Vec<u32> {
+    let mut words: Vec<u32> = gpu().read("words", buffer).expect("it reads");
+    let margin = words.split_off(words.len() - MARGIN);
+    assert!(margin.iter().all(|&w| w == UNTOUCHED), "words beyond the end were written");
+    words
+}
+
+fn scanned(words: &[u32], capacity: usize) -> Vec<u32> {
+    let buffer = uploaded(words);
+    let scanner = Scanner::new(gpu(), capacity as u32).expect("it fits");
+    let mut stage = gpu().stage("scan");
+    scanner.record(&mut stage, &buffer, words.len() as u32).expect("it records");
+    stage.finish().expect("it runs");
+    fetched(&buffer)
+}
+
+fn prefix_sums(words: &[u32]) -> Vec<u32> {
+    let before = |sum: &mut u32, &word: &u32| {
+        let here = *sum;
+        *sum = sum.wrapping_add(word);
+        Some(here)
+    };
+    words.iter().scan(0, before).collect()
+}
+
+#[test]
+fn the_scan_is_the_exclusive_prefix_sum_modulo_two_to_the_32() {
+    for (seed, size) in SIZES.into_iter().enumerate() {
+        let words = random(seed as u64, size);
+        assert!(scanned(&words, size) == prefix_sums(&words), "{size} words");
+    }
+}
+
+#[test]
+fn the_scan_takes_ones_zeros_and_room_to_spare() {
+    for size in [1, 64, 1025, 100_000] {
+        for words in [vec![1; size], vec![0; size]] {
+            assert!(scanned(&words, 2_000_000) == prefix_sums(&words), "{size} of {}", words[0]);
+        }
+    }
+}
+
+#[test]
+fn one_wrong_word_is_seen_in_a_scan() {
+    let mut words = random(7, 4097);
+    let sums = scanned(&words, words.len());
+    words[4000] ^= 1;
+    assert!(sums != prefix_sums(&words));
+}
+
+fn low(bits: u32) -> u32 {
+    u32::MAX >> (32 - bits)
+}
+
+/// The pairs as the GPU sorts them by the low `bits` of the keys.
+fn sorted(sorter: &Sorter, keys: &[u32], values: &[u32], bits: u32) -> Vec<(u32, u32)> {
+    let (k, v) = (uploaded(keys), uploaded(values));
+    sorter.sort(gpu(), &k, &v, keys.len() as u32, bits).expect("it sorts");
+    fetched(&k).into_iter().zip(fetched(&v)).collect()
+}
+
+/// The same by `radsort`, which is stable too.
+fn oracle(keys: &[u32], values: &[u32], bits: u32) -> Vec<(u32, u32)> {
+    let mut pairs: Vec<_> = keys.iter().copied().zip(values.iter().copied()).collect();
+    radsort::sort_by_key(&mut pairs, |&(key, _)| key & low(bits));
+    pairs
+}
+
+/// Values that tell where each pair stood: an unstable sort shows.
+fn places(count: usize) -> Vec<u32> {
+    (0..count as u32).collect()
+}
+
+fn sorter(capacity: usize) -> Sorter {
+    Sorter::new(gpu(), capacity as u32).expect("it fits")
+}
+
+#[test]
+fn the_sort_is_radsorts_and_stable_for_every_size() {
+    for (seed, size) in SIZES.into_iter().enumerate() {
+        let (keys, values) = (random(100 + seed as u64, size), places(size));
+        assert!(sorted(&sorter(size), &keys, &values, 32) == oracle(&keys, &values, 32), "{size}");
+        // Few keys, many equals: only a stable sort gives the oracle's order.
+        let keys: Vec<_> = keys.iter().map(|k| k & low(4)).collect();
+        assert!(sorted(&sorter(size), &keys, &values, 4) == oracle(&keys, &values, 4), "{size}");
+    }
+}
+
+#[test]
+fn the_sort_takes_keys_of_any_width() {
+    let (size, sorter) = (10_000, sorter(20_000));
+    for bits in 1..=32 {
+        let keys: Vec<_> = random(200, size).into_iter().map(|k| k & low(bits)).collect();
+        let values = random(201, size);
+        assert!(
+            sorted(&sorter, &keys, &values, bits) == oracle(&keys, &values, bits),
+            "{bits} bits"
+        );
+    }
+}
+
+#[test]
+fn the_sort_takes_what_is_sorted_reversed_equal_or_extreme() {
+    let size = 65_537;
+    let sorter = sorter(size);
+    let ascending = places(size);
+    let cases = [
+        ("equal", vec![0x1234_5678; size]),
+        ("greatest", vec![u32::MAX; size]),
+        ("sorted", ascending.clone()),
+        ("reversed", ascending.iter().rev().copied().collect()),
+        ("two values", ascending.iter().map(|i| u32::MAX * (i % 2)).collect()),
+        ("a saw", ascending.iter().map(|i| i % 17).collect()),
+    ];
+    for (name, keys) in cases {
+        let values = places(size);
+        assert!(sorted(&sorter, &keys, &values, 32) == oracle(&keys, &values, 32), "{name}");
+    }
+}
+
+#[test]
+fn the_sort_looks_at_the_low_bits_alone() {
+    let (keys, values) = (random(300, 5000), places(5000));
+    for bits in [4, 8, 16, 28] {
+        let right = oracle(&keys, &values, bits);
+        assert!(sorted(&sorter(5000), &keys, &values, bits) == right, "{bits} bits");
+    }
+}
+
+#[test]
+fn two_swapped_equals_are_seen() {
+    let keys = vec![3; 1025];
+    let mut pairs = sorted(&sorter(1025), &keys, &places(1025), 4);
+    pairs.swap(1023, 1024);
+    assert!(pairs != oracle(&keys, &places(1025), 4));
+}
