@@ -3,10 +3,11 @@
 //!
 //!     cargo bench --bench truth -- [--scene NAME]... [--photons N]... [--rays N] [--out FOLDER]
 //!
-//! Prints a table and writes `truth.csv` to the folder (default out/truth).
+//! Prints a table, and writes `truth.csv` and a chart of each scene to the folder
+//! (default out/truth).
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Parser;
 use photogram::film::Image;
@@ -14,6 +15,7 @@ use photogram::gpu::{AdapterChoice, Gpu};
 use photogram::metrics::Metrics;
 use photogram::render::{Progress, Split, render};
 use photogram::scene::{Estimator, Scene, Weighting};
+use plotters::prelude::*;
 
 #[derive(Parser)]
 struct Args {
@@ -27,8 +29,12 @@ struct Args {
     /// Fluence cells per voxel
     #[arg(long, default_values_t = [0.25, 0.5, 1.0])]
     grid: Vec<f64>,
+    /// Rays a pixel; fewer where the radius makes gathers dear
     #[arg(long, default_value_t = 16)]
     rays: u32,
+    /// Gathers dearer than this many photons in a ball of one voxel are left out
+    #[arg(long, default_value_t = 1e7)]
+    limit: f64,
     #[arg(long)]
     max_events: Option<u32>,
     #[arg(long, default_value = "out/truth")]
@@ -41,19 +47,20 @@ struct Args {
 fn main() -> anyhow::Result<()> {
     let args = Args::parse();
     let gpu = Gpu::open(&AdapterChoice::Best)?;
-    println!("adapter: {}; {} rays a pixel", gpu.report().name, args.rays);
+    println!("adapter: {}", gpu.report().name);
     println!(
-        "scene               estimator     size  photons    relMSE    leak  energy  trace ms field ms gather ms"
+        "scene               estimator     size  photons rays    relMSE    leak  energy  trace ms field ms gather ms"
     );
     let mut csv =
-        "scene,estimator,size,photons,rel_mse,leak,energy,trace_ms,field_ms,gather_ms\n".to_owned();
+        "scene,estimator,size,photons,rays,rel_mse,leak,energy,trace_ms,field_ms,gather_ms\n"
+            .to_owned();
+    let mut rows = Vec::new();
     for name in &args.scene {
         let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/truth");
         let mut scene = Scene::load(folder.join(format!("{name}.toml")))?;
         let truth = Image::read_exr(folder.join(format!("{name}.exr")))?;
         let volume = scene.volume.load()?;
         scene.settle(&volume);
-        scene.settings.rays = args.rays;
         scene.settings.max_events = args.max_events.unwrap_or(scene.settings.max_events);
         let isotropic = scene.materials.iter().all(|m| m.phase_g == 0.0);
         let mut variants = Vec::new();
@@ -74,6 +81,12 @@ fn main() -> anyhow::Result<()> {
                     Estimator::Points => s.radius = Some(size * volume.spacing().min_element()),
                     Estimator::Fluence => s.grid = size,
                 }
+                let dear = size.max(1.0).powi(3);
+                if dear * photons as f64 > args.limit {
+                    continue;
+                }
+                s.rays = (args.rays / size.max(1.0).powi(2) as u32).max(1);
+                let rays = s.rays;
                 let done =
                     render(&gpu, &scene, &volume, &Split::default(), &mut Progress::silent())?;
                 let m = Metrics::of(&done.image, &truth)?;
@@ -83,12 +96,14 @@ fn main() -> anyhow::Result<()> {
                 let (trace, gather) = (ms(&|s| s == "trace"), ms(&|s| s == "segment"));
                 let field = ms(&|s| !["trace", "segment", "composite"].contains(&s));
                 println!(
-                    "{name:<20}{label:<13}{size:>5} {photons:>8} {:>9.5} {:>7.4} {:>7.4} {trace:>9.0} {field:>8.0} {gather:>9.0}",
+                    "{name:<20}{label:<13}{size:>5} {photons:>8} {rays:>4} {:>9.5} {:>7.4} {:>7.4} {trace:>9.0} {field:>8.0} {gather:>9.0}",
                     m.rel_mse, m.leak, m.energy
                 );
+                let (scene, rel_mse) = (name.clone(), m.rel_mse);
+                rows.push(Row { scene, label, size, photons, rel_mse });
                 writeln!(
                     csv,
-                    "{name},{label},{size},{photons},{},{},{},{trace},{field},{gather}",
+                    "{name},{label},{size},{photons},{rays},{},{},{},{trace},{field},{gather}",
                     m.rel_mse, m.leak, m.energy
                 )?;
             }
@@ -96,5 +111,58 @@ fn main() -> anyhow::Result<()> {
     }
     std::fs::create_dir_all(&args.out)?;
     std::fs::write(args.out.join("truth.csv"), csv)?;
+    for name in &args.scene {
+        let rows: Vec<_> = rows.iter().filter(|r| r.scene == *name).collect();
+        chart(&args.out.join(format!("{name}.svg")), name, &rows)?;
+    }
+    Ok(())
+}
+
+struct Row {
+    scene: String,
+    label: &'static str,
+    size: f64,
+    photons: u64,
+    rel_mse: f64,
+}
+
+/// Error over photons, a line for each estimator and size.
+fn chart(path: &Path, title: &str, rows: &[&Row]) -> anyhow::Result<()> {
+    let photons = |f: fn(u64, u64) -> u64| rows.iter().map(|r| r.photons).reduce(f).unwrap_or(1);
+    let (few, many) = (photons(u64::min) as f64, photons(u64::max) as f64);
+    let root = SVGBackend::new(path, (760, 460)).into_drawing_area();
+    root.fill(&WHITE)?;
+    let mut chart = ChartBuilder::on(&root)
+        .caption(format!("{title}: error over photons"), ("sans-serif", 18))
+        .margin(10)
+        .x_label_area_size(40)
+        .y_label_area_size(60)
+        .right_y_label_area_size(150)
+        .build_cartesian_2d((few..many).log_scale(), (1e-3..2.0).log_scale())?;
+    chart.configure_mesh().x_desc("photons").y_desc("relMSE").draw()?;
+    let mut lines: Vec<(&str, f64)> = rows.iter().map(|r| (r.label, r.size)).collect();
+    lines.dedup();
+    for (label, size) in lines {
+        // A colour for each estimator, paler where it is coarser.
+        let (colour, unit, finest) = match label {
+            "points plain" => (RGBColor(200, 60, 40), "r =", 0.5),
+            "points even" => (RGBColor(40, 90, 200), "r =", 0.5),
+            _ => (RGBColor(20, 140, 60), "grid", 1.0),
+        };
+        let coarser = if unit == "grid" { finest / size } else { size / finest };
+        let style = colour.mix(1.0 / (1.0 + 0.35 * f64::log2(coarser))).stroke_width(2);
+        let points: Vec<_> = rows
+            .iter()
+            .filter(|r| (r.label, r.size) == (label, size))
+            .map(|r| (r.photons as f64, r.rel_mse))
+            .collect();
+        let end = points[points.len() - 1];
+        chart.draw_series(LineSeries::new(points.clone(), style))?;
+        chart.draw_series(points.iter().map(|&p| Circle::new(p, 2, style.filled())))?;
+        let text = format!("{label}, {unit} {size}");
+        let font = ("sans-serif", 12).into_font().color(&colour);
+        chart.plotting_area().draw(&(EmptyElement::at(end) + Text::new(text, (6, -6), font)))?;
+    }
+    root.present()?;
     Ok(())
 }

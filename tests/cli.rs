@@ -4,7 +4,7 @@
 use std::fs;
 
 use files::{COUNT, Nifti, gzip, nrrd_file, nrrd_header};
-use place::{EDGE, Place, nrrd};
+use place::{Place, nrrd};
 use predicates::prelude::*;
 use predicates::str::contains;
 
@@ -37,13 +37,13 @@ fn header(fields: &str) -> Vec<u8> {
 fn bad_volumes() -> Vec<(&'static str, Vec<u8>, &'static str)> {
     let whole = nrrd_file("float", "little", "gzip", &gzip(&floats(|_| {})));
     let mut flipped = whole.clone();
-    let middle = whole.len() - 20;
-    flipped[middle] ^= 0x55;
+    // The checksum that ends a gzip stream.
+    flipped[whole.len() - 6] ^= 0x55;
     let nifti = || Nifti::new(16, 4, false);
     let nifti_whole = nifti().with(&floats(|_| {}));
     let packed = gzip(&nifti_whole);
     let mut packed_flipped = packed.clone();
-    packed_flipped[packed.len() / 2] ^= 0x55;
+    packed_flipped[packed.len() - 6] ^= 0x55;
     let raw = |data: &[u8]| nrrd_file("float", "little", "raw", data);
     vec![
         ("empty.nrrd", vec![], "does not start with NRRD0001"),
@@ -56,8 +56,8 @@ fn bad_volumes() -> Vec<(&'static str, Vec<u8>, &'static str)> {
         ("negative.nrrd", header("sizes: 5 -4 3\nspacings: 1 1 1"), "size -4: invalid digit"),
         ("huge.nrrd", header("sizes: 5 4 4000000000\nspacings: 1 1 1"), "at most 2048 voxels"),
         ("flat.nrrd", header("sizes: 5 4 3\nspacings: 1 0 1"), "must be positive and finite"),
-        ("vast.nrrd", header("sizes: 5 4 3\nspacings: 1 1e300 1"), "single precision"),
-        ("minute.nrrd", header("sizes: 5 4 3\nspacings: 1 1e-60 1"), "single precision"),
+        ("vast.nrrd", header("sizes: 5 4 3\nspacings: 1 1e30 1"), "from 1e-6 to 1e6 mm"),
+        ("minute.nrrd", header("sizes: 5 4 3\nspacings: 1 1e-60 1"), "from 1e-6 to 1e6 mm"),
         (
             "nan.nrrd",
             raw(&floats(|v| v[7] = f32::NAN)),
@@ -113,15 +113,19 @@ fn a_corrupt_byte_anywhere_never_panics() {
 #[test]
 fn scenes_that_cannot_be() {
     for (old, new, expect) in [
-        ("fov_deg = 30", "fov_degrees = 30", "scene.toml:6: [camera]: `fov_degrees` is unknown"),
-        ("photons = 1000", "photons = 0", "scene.toml:22: [settings]: `photons` is 0: it must be 1"),
-        ("width = 16", "width = 0", "scene.toml:7: [camera]: `width` is 0: it must be 1 to 16384"),
-        ("= [100, 300]", "= [300, 100]", "scene.toml:18: [[material]] `ball`"),
+        ("fov_deg = 30", "fov_degrees = 30", "scene.toml:7: [camera]: `fov_degrees` is unknown"),
+        (
+            "photons = 1000",
+            "photons = 0",
+            "scene.toml:23: [settings]: `photons` is 0: it must be 1",
+        ),
+        ("width = 16", "width = 0", "scene.toml:8: [camera]: `width` is 0: it must be 1 to 16384"),
+        ("= [100, 300]", "= [300, 100]", "scene.toml:19: [[material]] `ball`"),
         ("extinction = 0.2", "extinction = -1", "`extinction` is -1: it must be >= 0, per mm"),
         ("extinction = 0.2", "extinction = nan", "`extinction` is nan: it must be a plain finite"),
         ("extinction = 0.2", "extinction = 0", "the transfer function is empty"),
         ("window = [100, 300]", "window = [1000, 3000]", "over the data's range of 0 to 237"),
-        ("[settings]", "[settings", "scene.toml:21: this is not TOML"),
+        ("[settings]", "[settings", "scene.toml:22: this is not TOML"),
         ("photons = 1000", "majorant = 1e9\nphotons = 1000", "`majorant` is 1000000000 per mm"),
         ("photons = 1000", "photons = 10_000_000_000", "`photons` is 10000000000: it must be 1"),
         ("size = 1\n", "size = 1\nshare = 1e9\n", "1000000000000 photons in all: at most"),
@@ -202,13 +206,13 @@ fn what_no_adapter_holds() {
     says(&error, &["stage `fluence grid`", "lower `grid` (now 1)"]);
 
     let error = on(&["--photons", "4294967295", "--max-events", "64"]);
-    says(&error, &["stage `photon", "memory", "`photons`"]);
+    says(&error, &["stage `photon", "of memory are needed, and this machine has"]);
 }
 
 #[test]
 fn adapters_that_are_not_there() {
     let place = Place::new();
-    for absent in ["Voodoo", "77"] {
+    for absent in ["voodoo", "77"] {
         let error = place.unrendered(&["--adapter", absent]);
         says(&error, &["no adapter matches", absent, "this machine has 0: "]);
     }
@@ -266,5 +270,4 @@ fn phantoms_that_cannot_be() {
     for size in ["0", "15", "4000000000"] {
         says(&phantom("hand", size), &["16", "1024"]);
     }
-    assert_eq!(EDGE, 16);
 }

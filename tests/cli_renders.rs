@@ -32,8 +32,7 @@ fn bits(image: &Image) -> Vec<[u32; 3]> {
 fn a_render_reports_what_it_did() {
     let place = Place::new();
     let json = ["--json", "out/new/report.json"];
-    let said =
-        place.fine(&[&["render", "scene.toml", "-o", "out/image.exr"], &json[..]].concat());
+    let said = place.fine(&[&["render", "scene.toml", "-o", "out/image.exr"], &json[..]].concat());
     assert!(said.starts_with("adapter ") && said.trim_end().ends_with("out/image.exr"), "{said}");
     picture(&place, "out/image.exr");
     let report = place.json("out/new/report.json");
@@ -78,16 +77,14 @@ fn an_exr_holds_the_scene_that_renders_to_it() {
         place.fine(&[&["render", "scene.toml", "-o", "a.exr"], more].concat());
         let notes = Notes::read_exr(place.path("a.exr")).unwrap();
         // Wherever the scene is kept: its paths are absolute.
-        let elsewhere = Folder::new().0.keep();
-        let scene = elsewhere.join("again.toml");
-        fs::write(&scene, notes.scene).unwrap();
+        let elsewhere = Folder::new();
+        let scene = elsewhere.file("again.toml", notes.scene.as_bytes());
         place.fine(&["render", scene.to_str().unwrap(), "-o", "b.exr"]);
         let (a, b) = (picture(&place, "a.exr"), picture(&place, "b.exr"));
         assert_eq!(bits(&a), bits(&b), "{more:?}");
         // The settings matter, or the above says nothing.
         place.fine(&["render", "scene.toml", "-o", "plain.exr"]);
         assert_ne!(bits(&a), bits(&picture(&place, "plain.exr")), "{more:?}");
-        fs::remove_dir_all(elsewhere).unwrap();
     }
 }
 
@@ -108,29 +105,31 @@ fn a_camera_or_a_light_may_be_inside() {
 }
 
 #[test]
-fn without_a_light_there_is_the_background() {
-    let (dark, _) = place::SCENE.split_once("[[light]]").unwrap();
-    let (_, rest) = place::SCENE.split_once("[[material]]").unwrap();
-    let scene = format!("{dark}[[material]]{rest}");
+fn without_light_there_is_the_background() {
+    let (head, rest) = place::SCENE.split_once("[[light]]").unwrap();
+    let (light, tail) = rest.split_once("[[material]]").unwrap();
     let place = Place::new();
-    place.file("scene.toml", scene);
-    for more in [
-        &["--estimator", "points"][..],
-        &["--estimator", "fluence"],
-        &["--method", "reference", "--samples", "64"],
+    place.file("scene.toml", format!("{head}[[material]]{tail}"));
+    let said = place.unrendered(&[]);
+    assert!(said.contains("no light") && said.contains("add a [[light]]"), "{said}");
+    let dark = light.replace("radiance = 10", "radiance = 0");
+    place.file("dark.toml", format!("{head}[[light]]{dark}[[material]]{tail}"));
+    for args in [
+        &["dark.toml", "--estimator", "points"][..],
+        &["dark.toml", "--estimator", "fluence"],
+        &["scene.toml", "--method", "reference", "--samples", "64"],
     ] {
-        place.fine(&[&["render", "scene.toml", "-o", "a.exr"], more].concat());
+        place.fine(&[&["render", "-o", "a.exr"], args].concat());
         let image = picture(&place, "a.exr");
-        assert!(image.rgb.iter().any(|p| *p == [0.25; 3]), "{more:?}");
-        assert!(image.rgb.iter().flatten().all(|x| *x <= 0.2501), "{more:?}");
+        assert!(image.rgb.contains(&[0.25; 3]), "{args:?}");
+        assert!(image.rgb.iter().flatten().all(|x| *x <= 0.2501), "{args:?}");
     }
 }
 
 #[test]
 fn flat_and_smallest_volumes_render() {
     let place = Place::new();
-    for (name, size) in [("flat.nrrd", [EDGE; 3]), ("one.nrrd", [1; 3]), ("line.nrrd", [1, 1, 9])]
-    {
+    for (name, size) in [("flat.nrrd", [EDGE; 3]), ("one.nrrd", [1; 3]), ("line.nrrd", [1, 1, 9])] {
         place.file(name, nrrd(size, &vec![200; size.iter().product()]));
         for estimator in ["points", "fluence"] {
             let out = ["-o", "a.exr", "--volume", name, "--estimator", estimator];
@@ -153,7 +152,7 @@ fn a_phantom_is_described() {
     assert_eq!(size.iter().max(), Some(&24));
     let counted: u64 =
         info["histogram"].as_array().unwrap().iter().map(|n| n.as_u64().unwrap()).sum();
-    assert_eq!(counted, size.iter().product());
+    assert_eq!(counted, size.iter().product::<u64>());
     assert_eq!(info["stored_as"], "u16");
     assert!(info["range"][0].as_f64() < info["range"][1].as_f64());
 }

@@ -5,7 +5,7 @@ mod common;
 
 use std::f64::consts::PI;
 
-use common::{Judged, gpu, mean, rendered, scene_over};
+use common::{Judged, gpu, rendered, scene_over};
 use glam::{DMat3, DVec3, dvec3};
 use photogram::film::Image;
 use photogram::frame::DeviceScene;
@@ -19,23 +19,36 @@ const FILTERS: [Filter; 2] = [Filter::Nearest, Filter::Linear];
 const BOX: DVec3 = dvec3(16.0, 12.0, 20.0);
 const PIXELS: u32 = 16;
 
-/// The box, of cubic voxels.
-fn volume(voxel: f64) -> Volume {
-    let size = (BOX / voxel).to_array().map(|n| n.round() as u32);
-    let values = vec![0u8; size.iter().product::<u32>() as usize];
-    Volume::new(size, DVec3::splat(voxel), DMat3::IDENTITY, DVec3::splat(voxel / 2.0), values)
-        .expect("a sound volume")
+/// The box in voxels of 1 mm: all 0 but one, which spreads the table over a range.
+fn volume() -> Volume {
+    let size = BOX.to_array().map(|n| n as u32);
+    let mut values = vec![0u8; size.iter().product::<u32>() as usize];
+    values[0] = 255;
+    Volume::new(size, DVec3::ONE, DMat3::IDENTITY, DVec3::splat(0.5), values).expect("sound")
 }
 
-/// The box made of one material, seen from askew; some rays miss it.
+/// The box made of one material, seen from askew; some rays miss it. Table entry 1 is
+/// denser: no voxel has it, but majorants must allow for it.
 fn scene(volume: &Volume, material: &str, rest: &str) -> Scene {
     let text = format!(
         "[camera]\norigin = [40, -50, 31]\ntarget = [8, 6, 10]\nfov_deg = 24\n\
          width = {PIXELS}\nheight = {PIXELS}\n\
-         [[material]]\nname = \"all\"\nwindow = [-1, 1]\n{material}\n{rest}"
+         [[material]]\nname = \"all\"\nwindow = [-1, 256]\n{material}\n\
+         [[material]]\nname = \"none\"\nwindow = [0.07, 0.12]\nextinction = 0.1\nalbedo = 0.3\n\
+         {rest}"
     );
     let mut scene = scene_over(volume, &text);
+    scene.filter = Filter::Nearest;
     scene.settings.rays = 1;
+    scene
+}
+
+/// Under the linear filter the denser material would be met beside the odd voxel.
+fn filtered(mut scene: Scene, filter: Filter) -> Scene {
+    scene.filter = filter;
+    if filter == Filter::Linear {
+        scene.materials.truncate(1);
+    }
     scene
 }
 
@@ -64,16 +77,25 @@ fn centres(scene: &Scene, f: impl Fn(DVec3, DVec3) -> f64) -> Vec<f64> {
     pixels().map(at).map(|(o, d)| f(o, d)).collect()
 }
 
-/// The same as the mean over each pixel; a pixel that the box's outline crosses is finely cut.
+/// Whether the box covers a pixel.
+fn is_covered(scene: &Scene, pixel: usize) -> bool {
+    let (x, y) = (pixel as u32 % PIXELS, pixel as u32 / PIXELS);
+    [(0, 0), (1, 0), (0, 1), (1, 1)].into_iter().all(|(i, j)| {
+        let (o, d) = ray(scene, f64::from(x + i), f64::from(y + j));
+        span(o, d).is_some()
+    })
+}
+
+/// The same as the mean over each pixel; one that the box's outline crosses is finely cut.
 fn means(scene: &Scene, f: impl Fn(DVec3, DVec3) -> f64) -> Vec<f64> {
-    const CUT: u32 = 24;
-    let part = |i: u32| (f64::from(i) + 0.5) / f64::from(CUT);
     let pixel = |(x, y): (u32, u32)| {
-        let parts = (0..CUT * CUT).map(|i| {
-            let (o, d) = ray(scene, f64::from(x) + part(i % CUT), f64::from(y) + part(i / CUT));
+        let cut = if is_covered(scene, (y * PIXELS + x) as usize) { 5 } else { 24 };
+        let part = |i: u32| (f64::from(i) + 0.5) / f64::from(cut);
+        let parts = (0..cut * cut).map(|i| {
+            let (o, d) = ray(scene, f64::from(x) + part(i % cut), f64::from(y) + part(i / cut));
             f(o, d)
         });
-        parts.sum::<f64>() / f64::from(CUT * CUT)
+        parts.sum::<f64>() / f64::from(cut * cut)
     };
     pixels().map(pixel).collect()
 }
@@ -87,17 +109,16 @@ fn reference(scene: &Scene, volume: &Volume, samples: u32) -> (Image, Image) {
     reference.image(gpu()).expect("reads")
 }
 
-/// The reference's red against a truth: each pixel that is sharp enough, and the mean.
-fn judge_reference(name: &str, scene: &Scene, volume: &Volume, samples: u32, truth: &[f64]) -> bool {
-    let (image, error) = reference(scene, volume, samples);
+/// The reference's red against a truth: each pixel inside the outline, and the mean of all.
+fn agrees(name: &str, scene: &Scene, (image, error): &(Image, Image), truth: &[f64]) -> bool {
     let mut judged = Judged::default();
     let (mut sum, mut squares) = (0.0, 0.0);
     for (i, &truth) in truth.iter().enumerate() {
         let (x, e) = (f64::from(image.rgb[i][0]), f64::from(error.rgb[i][0]));
         sum += x;
         squares += e * e;
-        // Of a mean that few samples make up, neither the law nor the error is known.
-        if e == 0.0 || e < 0.1 * truth {
+        // At the outline too few samples make the difference for a normal law.
+        if is_covered(scene, i) {
             judged.estimate(format!("{name}, pixel {i}"), x, e, truth);
         }
     }
@@ -110,10 +131,19 @@ fn photon_map_off(scene: &Scene, volume: &Volume, truth: &[f64]) -> f64 {
     let image = rendered(scene, volume).image;
     let off = |(x, truth): (&[f32; 3], &f64)| (f64::from(x[0]) - truth).abs();
     let all = image.rgb.iter().zip(truth).map(off);
-    all.fold(0.0, |worst, x| if x >= worst { x } else if x.is_nan() { f64::NAN } else { worst })
+    all.fold(0.0, |worst, x| {
+        if x >= worst {
+            x
+        } else if x.is_nan() {
+            f64::NAN
+        } else {
+            worst
+        }
+    })
 }
 
-const FEEBLE: &str = "[[light]]\nkind = \"surroundings\"\nradiance = 0\n[settings]\nphotons = 100\n";
+const FEEBLE: &str =
+    "[[light]]\nkind = \"surroundings\"\nradiance = 0\n[settings]\nphotons = 100\n";
 
 fn through(extinction: f64) -> impl Fn(DVec3, DVec3) -> f64 {
     move |o, d| span(o, d).map_or(1.0, |(near, far)| (-extinction * (far - near)).exp())
@@ -121,15 +151,13 @@ fn through(extinction: f64) -> impl Fn(DVec3, DVec3) -> f64 {
 
 #[test]
 fn a_background_is_seen_through_a_slab_as_beer_and_lambert_say() {
-    let volume = volume(1.0);
+    let volume = volume();
     for filter in FILTERS {
-        let mut scene = scene(&volume, "extinction = 0.11\nalbedo = 0", FEEBLE);
+        let mut scene = filtered(scene(&volume, "extinction = 0.11\nalbedo = 0", FEEBLE), filter);
         scene.background = DVec3::ONE;
-        scene.filter = filter;
-        let truth = means(&scene, through(0.11));
-        assert!(judge_reference("transmittance", &scene, &volume, 4096, &truth), "{filter}");
-        let truth = means(&scene, through(0.1122));
-        assert!(!judge_reference("2 % off", &scene, &volume, 4096, &truth), "{filter}");
+        let seen = reference(&scene, &volume, 4096);
+        assert!(agrees("transmittance", &scene, &seen, &means(&scene, through(0.11))), "{filter}");
+        assert!(!agrees("2 % off", &scene, &seen, &means(&scene, through(0.1122))), "{filter}");
         let off = photon_map_off(&scene, &volume, &centres(&scene, through(0.11)));
         println!("photon map, {filter}: within {off:.1e}");
         assert!(off < 1e-4, "{filter}: off by {off:.1e}");
@@ -209,32 +237,32 @@ const SUNS: [(&str, Sun); 3] = [
 
 #[test]
 fn the_reference_scatters_once_as_quadrature_says() {
-    let volume = volume(1.0);
+    let volume = volume();
     // Near a point light within, the radiance has no variance to judge by.
     for (name, sun) in &SUNS[..2] {
-        for (filter, g) in [(Filter::Nearest, 0.0), (Filter::Linear, 0.6), (Filter::Nearest, -0.4)] {
+        for (filter, g) in [(Filter::Nearest, 0.0), (Filter::Linear, 0.6), (Filter::Nearest, -0.4)]
+        {
             let material = format!("extinction = 0.09\nalbedo = 0.8\nphase_g = {g}");
-            let mut scene = scene(&volume, &material, &sun.text());
-            scene.filter = filter;
+            let mut scene = filtered(scene(&volume, &material, &sun.text()), filter);
             scene.settings.reference_events = Some(1);
-            let name = format!("{name}, g {g}");
+            let seen = reference(&scene, &volume, 2048);
             let truth = means(&scene, scattered_once(*sun, 0.09, 0.8, g));
-            assert!(judge_reference(&name, &scene, &volume, 2048, &truth));
-            let truth = means(&scene, scattered_once(*sun, 0.09, 0.8 * 1.02, g));
-            assert!(!judge_reference("2 % off", &scene, &volume, 2048, &truth));
+            assert!(agrees(&format!("{name}, g {g}"), &scene, &seen, &truth));
+            let spoilt: Vec<_> = truth.iter().map(|t| 1.02 * t).collect();
+            assert!(!agrees("2 % off", &scene, &seen, &spoilt));
         }
     }
 }
 
-/// Root of the mean square difference, over the root of the truth's.
+/// Mean difference over the mean of the truth.
 fn relative_error(image: &Image, truth: &[f64]) -> f64 {
-    let off = image.rgb.iter().zip(truth).map(|(x, t)| (f64::from(x[0]) - t).powi(2));
-    (off.sum::<f64>() / truth.iter().map(|t| t * t).sum::<f64>()).sqrt()
+    let off = image.rgb.iter().zip(truth).map(|(x, t)| (f64::from(x[0]) - t).abs());
+    off.sum::<f64>() / truth.iter().sum::<f64>()
 }
 
 #[test]
 fn the_photon_map_scatters_once_with_an_error_that_falls_with_the_grid() {
-    let volume = volume(1.0);
+    let volume = volume();
     for (name, sun) in SUNS {
         let mut scene = scene(&volume, "extinction = 0.09\nalbedo = 0.8", &sun.text());
         scene.settings.estimator = Some(Estimator::Fluence);
@@ -246,7 +274,115 @@ fn the_photon_map_scatters_once_with_an_error_that_falls_with_the_grid() {
             relative_error(&rendered(&scene, &volume).image, &truth)
         });
         println!("{name}: relative error {errors:.4?} at cells of 4, 2, 1 mm");
-        assert!(errors[2] < 0.02, "{name}: {errors:?}");
-        assert!(errors[1] < 0.7 * errors[0] && errors[2] < 0.7 * errors[1], "{name}: {errors:?}");
+        assert!(errors[1] < 0.55 * errors[0] && errors[2] < 0.55 * errors[1], "{name}: {errors:?}");
     }
+}
+
+const FURNACE: &str = "[[light]]\nkind = \"surroundings\"\nradiance = 1\n";
+
+/// A furnace of this albedo, up to 2.8 mean free paths across.
+fn furnace(volume: &Volume, albedo: f64) -> Scene {
+    let mut scene = scene(volume, &format!("extinction = 0.1\nalbedo = {albedo}"), FURNACE);
+    scene.background = DVec3::ONE;
+    scene
+}
+
+#[test]
+fn in_a_furnace_the_reference_sees_nothing() {
+    let volume = volume();
+    let truth = vec![1.0; (PIXELS * PIXELS) as usize];
+    let agrees = |scene: &Scene| agrees("furnace", scene, &reference(scene, &volume, 1024), &truth);
+    for filter in FILTERS {
+        let white = filtered(furnace(&volume, 1.0), filter);
+        assert!(agrees(&white), "{filter}");
+    }
+    assert!(!agrees(&furnace(&volume, 0.98)), "an albedo of 0.98 went unseen");
+}
+
+#[test]
+fn in_a_furnace_the_photon_map_sees_nothing() {
+    let volume = volume();
+    let mean = |albedo: f64| {
+        let mut scene = furnace(&volume, albedo);
+        scene.settings.estimator = Some(Estimator::Fluence);
+        scene.settings.photons = 200_000;
+        scene.settings.grid = 0.25;
+        // From anywhere a flight leaves with a chance of exp(-2.8) at the very least, and
+        // of a half or so on average: no power to speak of is left after 64.
+        scene.settings.max_events = 64;
+        scene.settings.roulette_survival = 1.0;
+        let image = rendered(&scene, &volume).image;
+        let covered: Vec<_> = (0..image.rgb.len()).filter(|&i| is_covered(&scene, i)).collect();
+        let red = |i: &usize| f64::from(image.rgb[*i][0]);
+        let worst = covered.iter().map(|i| (red(i) - 1.0).abs()).fold(0.0, f64::max);
+        let mean = covered.iter().map(red).sum::<f64>() / covered.len() as f64;
+        println!("albedo {albedo}: mean {mean:.5}, the worst pixel off by {worst:.4}");
+        (mean, worst)
+    };
+    let (white, worst) = mean(1.0);
+    assert!((white - 1.0).abs() < 0.003 && worst < 0.05);
+    assert!((mean(0.99).0 - 1.0).abs() > 0.003, "an albedo of 0.99 went unseen");
+}
+
+/// Radiance of a medium that emits `emission` per mm.
+fn glow(emission: f64, extinction: f64) -> impl Fn(DVec3, DVec3) -> f64 {
+    move |o, d| {
+        let length = span(o, d).map_or(0.0, |(near, far)| far - near);
+        match extinction > 0.0 {
+            true => emission * -(-extinction * length).exp_m1() / extinction,
+            false => emission * length,
+        }
+    }
+}
+
+const GLOWS: [(f64, &str); 2] = [
+    (0.0, "emission = 0.3\nextinction = 0"),
+    (0.12, "emission = 0.3\nextinction = 0.12\nalbedo = 0.5"),
+];
+
+#[test]
+fn the_reference_sees_a_medium_glow_through_itself() {
+    let volume = volume();
+    for (extinction, material) in GLOWS {
+        for filter in FILTERS {
+            let scene = filtered(scene(&volume, material, ""), filter);
+            let seen = reference(&scene, &volume, 1024);
+            let truth = means(&scene, glow(0.3, extinction));
+            assert!(agrees("glow", &scene, &seen, &truth), "{filter}");
+            let truth = means(&scene, glow(0.306, extinction));
+            assert!(!agrees("2 % off", &scene, &seen, &truth), "{filter}");
+        }
+    }
+}
+
+#[test]
+fn the_photon_map_sees_a_medium_glow_through_itself() {
+    let volume = volume();
+    for (extinction, material) in GLOWS {
+        for filter in FILTERS {
+            let scene = filtered(scene(&volume, material, FEEBLE), filter);
+            let name = format!("extinction {extinction}, {filter}");
+            let off = photon_map_off(&scene, &volume, &centres(&scene, glow(0.3, extinction)));
+            println!("{name}: within {off:.1e}");
+            assert!(off < 1e-4, "{name}: off by {off:.1e}");
+            let off = photon_map_off(&scene, &volume, &centres(&scene, glow(0.303, extinction)));
+            assert!(off > 1e-4, "{name}: a fault of 1 % went unseen");
+        }
+    }
+}
+
+#[test]
+fn without_any_light_the_photon_map_sees_the_glow_alone() {
+    let volume = volume();
+    let mut worst: f64 = 0.0;
+    for (extinction, material) in GLOWS {
+        for estimator in [Estimator::Fluence, Estimator::Points] {
+            let mut scene = scene(&volume, material, "");
+            scene.settings.estimator = Some(estimator);
+            let off = photon_map_off(&scene, &volume, &centres(&scene, glow(0.3, extinction)));
+            println!("extinction {extinction}, {estimator}: within {off:.1e}");
+            worst = if off.is_nan() { f64::INFINITY } else { worst.max(off) };
+        }
+    }
+    assert!(worst < 1e-4);
 }

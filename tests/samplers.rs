@@ -12,7 +12,7 @@ use photogram::probe::{ProbeParams, What, draw};
 use photogram::scene::{Filter, LightKind, Scene};
 use photogram::volume::Volume;
 
-const DRAWS: u32 = 1 << 18;
+const DRAWS: u32 = 1 << 17;
 const CAMERA: &str = "[camera]\nfrom = [0, -1, 0]\n";
 
 fn vector(v: [f32; 4]) -> DVec3 {
@@ -124,7 +124,11 @@ impl Layers {
 
 fn exit(origin: DVec3, direction: DVec3, extent: DVec3) -> f64 {
     let wall = DVec3::select(direction.cmpgt(DVec3::ZERO), extent, DVec3::ZERO);
-    ((wall - origin) / direction).to_array().into_iter().filter(|t| t.is_finite()).fold(1e9, f64::min)
+    ((wall - origin) / direction)
+        .to_array()
+        .into_iter()
+        .filter(|t| t.is_finite())
+        .fold(1e9, f64::min)
 }
 
 /// Flights through `medium`, judged by the density that `law` says they have.
@@ -180,14 +184,20 @@ fn judge_flights(
     }
 }
 
-const WAYS: [(Filter, bool); 4] =
-    [(Filter::Nearest, false), (Filter::Nearest, true), (Filter::Linear, false), (Filter::Linear, true)];
+const WAYS: [(Filter, bool); 4] = [
+    (Filter::Nearest, false),
+    (Filter::Nearest, true),
+    (Filter::Linear, false),
+    (Filter::Linear, true),
+];
 
 #[test]
 fn flights_end_as_the_exponential_law_says_whatever_the_majorant() {
     let mut judged = Judged::default();
     for (i, (filter, skip)) in WAYS.into_iter().enumerate() {
-        for (j, headroom) in [1.0, 1.7, 12.0].into_iter().enumerate() {
+        // Far below the majorant a flight without skips takes long.
+        let headrooms = if skip { &[1.0, 1.7, 12.0, 300.0][..] } else { &[1.0, 1.7, 12.0] };
+        for (j, headroom) in headrooms.iter().enumerate() {
             let layers = vec![(20.0, 0.08)];
             let medium = Layers { layers, majorant: 0.08 * headroom };
             let seed = 100 + 10 * i as u64 + j as u64;
@@ -278,8 +288,8 @@ fn scattered_directions_follow_henyey_and_greenstein() {
 }
 
 #[test]
-fn an_asymmetry_one_per_cent_off_is_seen() {
-    assert!(!judge_phase(0.3, 0.303).hold());
+fn an_asymmetry_off_by_a_hundredth_is_seen() {
+    assert!(!judge_phase(0.3, 0.31).hold());
 }
 
 /// A volume that stands askew and mirrored in the world.
@@ -417,17 +427,13 @@ fn patch_of(at: DVec3, direction: DVec3) -> Option<usize> {
 }
 
 /// Flux of photons against a truth: each patch, and all together.
-fn judge_flux(
-    judged: &mut Judged,
-    name: &str,
-    photons: &[(DVec3, DVec3, f64)],
-    truth: &[f64],
-) {
+fn judge_flux(judged: &mut Judged, name: &str, photons: &[(DVec3, DVec3, f64)], truth: &[f64]) {
     let n = photons.len() as f64;
     let mut sums = vec![(0.0, 0.0); truth.len() + 1];
     for &(at, direction, power) in photons.iter().filter(|p| p.2 > 0.0) {
         let patch = patch_of(at, direction);
-        let patch = patch.unwrap_or_else(|| panic!("{name}: {at} is on no face that faces {direction}"));
+        let patch =
+            patch.unwrap_or_else(|| panic!("{name}: {at} is on no face that faces {direction}"));
         for i in [patch, truth.len()] {
             sums[i] = (sums[i].0 + power, sums[i].1 + power * power);
         }
@@ -479,14 +485,14 @@ fn photons_carry_the_flux_of_their_light_to_every_patch_of_the_bounds() {
 }
 
 #[test]
-fn a_flux_one_per_cent_off_is_seen() {
-    let (volume, emission) = (askew(), DVec3::splat(3.03));
+fn a_flux_three_per_cent_off_is_seen() {
+    let (volume, emission) = (askew(), DVec3::splat(3.09));
     for (i, (name, kind)) in outside().into_iter().enumerate() {
         let photons = emitted(&put(kind, &volume, emission, 500 + i as u64), &volume);
         let truth: Vec<_> = flux_by_quadrature(&kind).iter().map(|f| f * 3.0).collect();
         let mut judged = Judged::default();
         judge_flux(&mut judged, name, &photons, &truth);
-        assert!(!judged.hold(), "{name}: a fault of 1 % went unseen");
+        assert!(!judged.hold(), "{name}: a fault of 3 % went unseen");
     }
 }
 
@@ -545,7 +551,8 @@ fn a_light_inside_the_bounds_shines_from_where_it_stands() {
     judge_uniform(&mut judged, "a point inside", 16, local.map(|(c, t)| [(1.0 + c) / 2.0, t]));
     judged.estimate("a point's flux", total(&photons), 0.0, 4.0 * PI * 3.0);
 
-    let (corner, edge_u, edge_v) = (dvec3(1.0, 3.0, 6.0), dvec3(4.0, 1.0, 0.0), dvec3(0.0, 2.0, 5.0));
+    let (corner, edge_u, edge_v) =
+        (dvec3(1.0, 3.0, 6.0), dvec3(4.0, 1.0, 0.0), dvec3(0.0, 2.0, 5.0));
     let kind = LightKind::Rectangle { corner, edge_u, edge_v };
     let photons = emitted(&put(kind, &volume, DVec3::splat(3.0), 701), &volume);
     let normal = edge_u.cross(edge_v);
@@ -593,8 +600,8 @@ fn packing_keeps_directions_to_a_ten_thousandth_and_powers_to_14_bits() {
     }
     println!("directions within {widest:.2e} rad, powers within {worst:.2e} of the largest");
     assert!(widest < 1e-4);
-    // exp2 on the device is itself good to about 1e-5.
-    assert!(worst < 2f64.powi(-14) + 1e-5);
+    // exp2 on the device is itself good to some 4e-6.
+    assert!(worst < 2f64.powi(-14) + 4e-6);
 }
 
 #[test]
@@ -609,5 +616,5 @@ fn a_channel_without_power_stays_without_it() {
     scene.camera.height = 16;
     let image = common::rendered(&scene, &volume).image;
     assert!(image.rgb.iter().all(|p| p[0] == 0.0 && p[2] == 0.0));
-    assert!(common::mean(&image) > 0.1);
+    assert!(common::mean(&image) > 0.01);
 }

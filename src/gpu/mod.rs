@@ -174,10 +174,7 @@ impl Gpu {
                 .map(|(i, a)| format!("{i}: {}", a.get_info().name))
                 .collect();
             return Err(Error::Adapter {
-                what: format!(
-                    "no adapter matches {choice}; this machine has {}",
-                    names.join(", ")
-                ),
+                what: format!("no adapter matches {choice}; this machine has {}", names.join(", ")),
             });
         };
         let adapter = &adapters[index];
@@ -271,6 +268,7 @@ impl Gpu {
     pub fn buffer<T: bytemuck::Pod>(&self, stage: &str, count: usize) -> Result<wgpu::Buffer> {
         let size = (count.max(1) * size_of::<T>()).next_multiple_of(4) as u64;
         self.fits(stage, size)?;
+        self.has_room(stage, size)?;
         let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(stage),
             size,
@@ -375,6 +373,28 @@ impl Gpu {
         ))
     }
 
+    /// Refuses what a software adapter would promise, and die of when it is used: its memory
+    /// is the host's. Other adapters refuse for themselves.
+    fn has_room(&self, stage: &str, bytes: u64) -> Result<()> {
+        let worth_asking = self.report.kind == "software" && bytes > 1 << 24;
+        let Some(host) = worth_asking.then(host_memory).flatten() else {
+            return Ok(());
+        };
+        let held = self.device.generate_allocator_report().map_or(0, |r| r.total_allocated_bytes);
+        if held + bytes <= host / 10 * 9 {
+            return Ok(());
+        }
+        Err(Error::capacity(
+            stage,
+            format!(
+                "more than {:.0} MiB of memory are needed, and this machine has {:.0} in all; lower \
+                 the setting it depends on",
+                (held + bytes) as f64 / MIB,
+                host as f64 / MIB
+            ),
+        ))
+    }
+
     pub(crate) fn device(&self) -> &wgpu::Device {
         &self.device
     }
@@ -382,6 +402,13 @@ impl Gpu {
     pub(crate) fn queue(&self) -> &wgpu::Queue {
         &self.queue
     }
+}
+
+/// Bytes of the host's memory, where the system says.
+fn host_memory() -> Option<u64> {
+    let info = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = info.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
+    Some(line.split_whitespace().next()?.parse::<u64>().ok()? << 10)
 }
 
 const MIB: f64 = 1024.0 * 1024.0;

@@ -203,13 +203,17 @@ impl FilmSettings {
 /// Below this a length is none, mm.
 const TINY: f64 = 1e-9;
 
+/// What is wrong with a number that no kernel can hold.
+const SINGLE: &str = "it is beyond single precision, 3.4e38";
+
 fn fault(key: &'static str, what: impl Into<String>) -> Check {
     Err(Fault { key, what: what.into() })
 }
 
 fn scalar(key: &'static str, value: f64, possible: bool, rule: &str) -> Check {
     match possible && value.is_finite() {
-        true => Ok(()),
+        true if (value as f32).is_finite() => Ok(()),
+        true => fault(key, format!("`{key}` is {value}: {SINGLE}")),
         false => fault(key, format!("`{key}` is {value}: {rule}")),
     }
 }
@@ -231,7 +235,8 @@ fn finite(key: &'static str, v: DVec3) -> Check {
 
 fn vector(key: &'static str, v: DVec3, possible: bool, rule: &str) -> Check {
     match possible && v.is_finite() {
-        true => Ok(()),
+        true if v.as_vec3().is_finite() => Ok(()),
+        true => fault(key, format!("`{key}` is {v}: {SINGLE}")),
         false => fault(key, format!("`{key}` is {v}: {rule}")),
     }
 }

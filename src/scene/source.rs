@@ -1,6 +1,6 @@
 //! A scene and its volume: loading it, shrinking both together, and whether they fit.
 
-use super::{Scale, Scene, VolumeSource};
+use super::{Method, Scale, Scene, VolumeSource};
 use crate::error::{Error, Result};
 use crate::transfer::Table;
 use crate::volume::{self, Volume};
@@ -40,13 +40,36 @@ impl VolumeSource {
     }
 }
 
+/// Collisions per smallest voxel spacing beyond which a photon would not arrive in good time.
+const MAX_COLLISIONS_PER_VOXEL: f64 = 64.0;
+
 impl Scene {
-    /// Refuses a scene that would show nothing of its volume.
+    /// Refuses a scene that would show nothing of its volume, or take forever to.
     ///
     /// # Errors
-    /// No material has extinction or emission anywhere in the data's range.
+    /// No material has extinction or emission anywhere in the data's range; the photon map
+    /// has no light; the majorant or the gather radius is out of proportion to the volume.
     pub fn check_against(&self, volume: &Volume) -> Result<()> {
         let [low, high] = volume.range();
+        let most = MAX_COLLISIONS_PER_VOXEL / volume.spacing().min_element();
+        if let Some(majorant) = self.settings.majorant.filter(|&m| m > most) {
+            return Err(Error::setting(format!(
+                "`majorant` is {majorant} per mm: over {most} the voxels of this volume are opaque \
+                 many times over; lower it, or leave it out"
+            )));
+        }
+        if self.lights.is_empty() && self.settings.method == Method::PhotonMap {
+            return Err(Error::setting(
+                "the scene has no light, and the photon map starts from one: add a [[light]], of \
+                 no power if need be, or use `--method reference`",
+            ));
+        }
+        let diagonal = volume.extent().length();
+        if let Some(radius) = self.settings.radius.filter(|&r| r > diagonal) {
+            return Err(Error::setting(format!(
+                "`radius` is {radius} mm: the whole volume measures {diagonal:.3} mm; lower it"
+            )));
+        }
         if !Table::build(&self.materials, [low, high], None).is_empty() {
             return Ok(());
         }

@@ -26,6 +26,9 @@ pub const MAX_SIZE: u32 = 2048;
 /// they count as sheared; header files print few digits.
 const AXES_TOLERANCE: f64 = 1e-3;
 
+/// Spacings in mm that kernels can square in single precision, and any scan has.
+const SPACINGS: std::ops::RangeInclusive<f64> = 1e-6..=1e6;
+
 /// Stored voxels, i fastest, then j, then k, at the data's own precision.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Voxels {
@@ -81,7 +84,7 @@ impl Volume {
     ///
     /// # Errors
     /// [`Error::Setting`] for a size of 0 or over [`MAX_SIZE`], values that do
-    /// not fill the size exactly, a spacing that is not positive and finite,
+    /// not fill the size exactly, a spacing that is not from 1e-6 to 1e6 mm,
     /// sheared axes, an origin that is not finite, NaN or infinite values, and a
     /// range that single precision cannot hold.
     pub fn new(
@@ -103,6 +106,13 @@ impl Volume {
         if !spacing.to_array().iter().all(|s| s.is_finite() && *s > 0.0) {
             return Err(Error::setting(format!(
                 "spacing {spacing} mm: each must be positive and finite"
+            )));
+        }
+        if !spacing.to_array().iter().all(|s| SPACINGS.contains(s)) {
+            return Err(Error::setting(format!(
+                "spacing {spacing} mm: each must be from {:e} to {:e} mm; correct the unit",
+                SPACINGS.start(),
+                SPACINGS.end()
             )));
         }
         if !origin.is_finite() {

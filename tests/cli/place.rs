@@ -51,9 +51,8 @@ pub struct Place(Folder);
 /// Eight-bit voxels of a cube, or of any size, as NRRD.
 pub fn nrrd(size: [usize; 3], voxels: &[u8]) -> Vec<u8> {
     let [i, j, k] = size;
-    let fields = format!(
-        "type: uint8\ndimension: 3\nsizes: {i} {j} {k}\nspacings: 1 1 1\nencoding: gzip"
-    );
+    let fields =
+        format!("type: uint8\ndimension: 3\nsizes: {i} {j} {k}\nspacings: 1 1 1\nencoding: gzip");
     [nrrd_header(&fields), super::files::gzip(voxels)].concat()
 }
 

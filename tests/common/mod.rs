@@ -113,7 +113,7 @@ impl Judged {
     /// Whether all hold, corrected for their number (Bonferroni).
     pub fn hold(&self) -> bool {
         let worst = self.0.iter().min_by(|a, b| a.1.total_cmp(&b.1)).expect("something is judged");
-        let p = worst.1 * self.0.len() as f64;
+        let p = (worst.1 * self.0.len() as f64).min(1.0);
         println!("{} comparisons, the worst {} (p x number {p:.2e})", self.0.len(), worst.0);
         p > Self::SIGNIFICANCE
     }
