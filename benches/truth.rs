@@ -14,7 +14,8 @@ use photogram::film::Image;
 use photogram::gpu::{AdapterChoice, Gpu};
 use photogram::metrics::Metrics;
 use photogram::render::{Progress, Split, render};
-use photogram::scene::{Estimator, Scene, Weighting};
+use photogram::scene::{Estimator, Method, Scene, Weighting};
+use photogram::volume::Volume;
 use plotters::prelude::*;
 
 #[derive(Parser)]
@@ -62,6 +63,7 @@ fn main() -> anyhow::Result<()> {
         let volume = scene.volume.load()?;
         scene.settle(&volume);
         scene.settings.max_events = args.max_events.unwrap_or(scene.settings.max_events);
+        println!("{name}: 99 % of the energy within {} events", events_for(&gpu, &scene, &volume)?);
         let isotropic = scene.materials.iter().all(|m| m.phase_g == 0.0);
         let mut variants = Vec::new();
         for (weighting, label) in
@@ -116,6 +118,26 @@ fn main() -> anyhow::Result<()> {
         chart(&args.out.join(format!("{name}.svg")), name, &rows)?;
     }
     Ok(())
+}
+
+/// Scattering orders that carry 99 % of the image's energy, by the reference: paths of
+/// the same seed have the same beginning, so the share rises with the order.
+fn events_for(gpu: &Gpu, scene: &Scene, volume: &Volume) -> anyhow::Result<u32> {
+    let mut scene = scene.clone();
+    (scene.settings.method, scene.settings.samples) = (Method::Reference, 64);
+    let given = scene.settings.reference_events;
+    let mut energy = |events| -> anyhow::Result<f64> {
+        scene.settings.reference_events = events;
+        let done = render(gpu, &scene, volume, &Split::default(), &mut Progress::silent())?;
+        Ok(done.image.rgb.iter().flatten().map(|&x| f64::from(x)).sum())
+    };
+    let all = energy(given)?;
+    let (mut low, mut high) = (1, 64);
+    while low < high {
+        let middle = (low + high) / 2;
+        if energy(Some(middle))? >= 0.99 * all { high = middle } else { low = middle + 1 }
+    }
+    Ok(high)
 }
 
 struct Row {

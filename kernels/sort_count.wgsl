@@ -19,7 +19,7 @@ fn main(
     for (var d = 0u; d < RADIX; d++) { tally[d * GROUP + local] = 0u; }
     let begin = block * SORT_BLOCK + local * EACH;
     for (var i = begin; i < min(begin + EACH, params.count); i++) {
-        tally[digit_of(keys[i], params.shift) * GROUP + local]++;
+        tally[digit_of(keys[i], params) * GROUP + local]++;
     }
     workgroupBarrier();
     if local < RADIX && block < params.blocks {

@@ -23,7 +23,7 @@ fn main(
     let begin = block * SORT_BLOCK + local * EACH;
     let end = min(begin + EACH, params.count);
     for (var i = begin; i < end; i++) {
-        tally[digit_of(keys[i], params.shift) * GROUP + local]++;
+        tally[digit_of(keys[i], params) * GROUP + local]++;
     }
     workgroupBarrier();
     if local < RADIX && block < params.blocks {
@@ -37,7 +37,7 @@ fn main(
     workgroupBarrier();
     for (var i = begin; i < end; i++) {
         let key = keys[i];
-        let column = digit_of(key, params.shift) * GROUP + local;
+        let column = digit_of(key, params) * GROUP + local;
         let place = tally[column];
         tally[column] = place + 1u;
         sorted_keys[place] = key;

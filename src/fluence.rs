@@ -73,7 +73,7 @@ impl Fluence {
         })?;
         let extent = scene.frame.extent;
         let edge: [f64; 3] = std::array::from_fn(|i| f64::from(extent[i]) / f64::from(grid[i]));
-        let typical = settings.flux_unit.unwrap_or(1.0) / f64::from(scene.lights.photons)
+        let typical = settings.flux_unit.unwrap_or(1.0) / f64::from(scene.lights.photons.max(1))
             * edge.iter().copied().fold(f64::INFINITY, f64::min);
         let scale = CONTRIBUTION / typical;
         let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {

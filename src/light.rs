@@ -9,7 +9,7 @@ use crate::scene::{LightKind, Scene};
 /// Lights that a scene may have.
 pub const MAX_LIGHTS: usize = 16;
 
-/// Kind of a point light, in [`LightRecord::kind`].
+/// Kind of a point light, in [`Light::kind`].
 pub const LIGHT_POINT: u32 = 0;
 /// Kind of a directional light.
 pub const LIGHT_DIRECTIONAL: u32 = 1;

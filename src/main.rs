@@ -5,7 +5,7 @@ use std::io::{ErrorKind, IsTerminal, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, Result};
+use anyhow::{Result, ensure};
 use clap::{Args, Parser, Subcommand};
 use comfy_table::{CellAlignment, Table, presets};
 use photogram::demo;
@@ -144,7 +144,7 @@ fn main() -> ExitCode {
     match run(&Cli::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error:#}");
+            eprintln!("error: {error}");
             ExitCode::FAILURE
         }
     }
@@ -212,6 +212,7 @@ fn prepare(args: &RenderArgs) -> Result<(Scene, Volume)> {
 
 fn run_render(adapter: &AdapterChoice, args: &RenderArgs) -> Result<()> {
     let format = Format::of(&args.out)?;
+    ensure!(args.json.as_ref() != Some(&args.out), "--json and -o name the same file");
     check_places(&[Some(&args.out), args.json.as_deref()])?;
     let (scene, volume) = prepare(args)?;
     scene.check_against(&volume)?;
@@ -403,8 +404,7 @@ fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<()> {
     let text = serde_json::to_string_pretty(value)?;
     make_folder(path)?;
     Ok(film::write_whole(path, |file| {
-        let failed = |source| photogram::Error::Io { path: path.into(), action: "write", source };
-        writeln!(file, "{text}").map_err(failed)
+        writeln!(file, "{text}").map_err(|e| failed(path, "write", e))
     })?)
 }
 
@@ -415,14 +415,18 @@ fn check_places(paths: &[Option<&Path>]) -> Result<()> {
 
 fn make_folder(file: &Path) -> Result<()> {
     let folder = file.parent().unwrap_or(Path::new(""));
-    std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))
+    Ok(std::fs::create_dir_all(folder).map_err(|e| failed(folder, "make", e))?)
+}
+
+fn failed(path: &Path, action: &'static str, source: std::io::Error) -> photogram::Error {
+    photogram::Error::Io { path: path.into(), action, source }
 }
 
 /// Prints to standard output; a reader that has heard enough is no error.
 fn say(text: impl std::fmt::Display) -> Result<()> {
     match writeln!(std::io::stdout(), "{text}") {
         Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
-        said => said.context("cannot write to standard output"),
+        said => Ok(said.map_err(|e| failed(Path::new("standard output"), "write", e))?),
     }
 }
 

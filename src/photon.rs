@@ -153,7 +153,8 @@ impl PhotonMap {
         // Even batches: the last is no smaller than it must be.
         let each = total.div_ceil(total.div_ceil(most).max(1)).max(1);
         let mut batches = Vec::new();
-        for first in (0..total).step_by(each as usize) {
+        // Without a light there is one batch of no photons: later stages need not know.
+        for first in (0..total.max(1)).step_by(each as usize) {
             let photons = each.min(total - first);
             let slots = (photons * u64::from(max_events)) as usize;
             batches.push(Batch {

@@ -204,7 +204,8 @@ impl SegmentMap {
             LightField::Points(points) => {
                 let even = settings.weighting == Weighting::Even;
                 flags.extend(even.then_some("even"));
-                let photon = settings.flux_unit.unwrap_or(1.0) / f64::from(device.lights.photons);
+                let photon =
+                    settings.flux_unit.unwrap_or(1.0) / f64::from(device.lights.photons.max(1));
                 let ball = 4.0 / 3.0 * std::f64::consts::PI * f64::from(points.radius).powi(3);
                 let typical = photon / ball / (4.0 * std::f64::consts::PI) * f64::from(spacing);
                 scale = (CONTRIBUTION / typical) as f32;

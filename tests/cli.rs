@@ -242,6 +242,10 @@ fn outputs_that_cannot_be_written() {
     says(&render("image", &[]), &["image: images are written as"]);
     let json = render("image.exr", &["--json", "volume.nrrd/x.json"]);
     says(&json, &["volume.nrrd/x.json: cannot write"]);
+    let twice = render("image.exr", &["--json", "image.exr"]);
+    says(&twice, &["--json and -o name the same file"]);
+    // The system's reason is said once.
+    assert_eq!(file.matches("Not a directory").count(), 1, "{file}");
     for args in [
         &["phantom", "hand", "--size", "16", "-o", "volume.nrrd/x.nrrd"][..],
         &["info", "volume.nrrd", "--json", "folder.exr"],

@@ -5,7 +5,7 @@ mod common;
 
 use std::f64::consts::PI;
 
-use common::{Judged, gpu, rendered, scene_over};
+use common::{Judged, gauss, gpu, rendered, scene_over};
 use glam::{DMat3, DVec3, dvec3};
 use photogram::film::Image;
 use photogram::frame::DeviceScene;
@@ -166,18 +166,11 @@ fn a_background_is_seen_through_a_slab_as_beer_and_lambert_say() {
     }
 }
 
-/// Gauss and Legendre with five nodes on each of `panels`.
-fn integral(a: f64, b: f64, panels: u32, f: impl Fn(f64) -> f64) -> f64 {
-    const NODES: [(f64, f64); 5] = [
-        (-0.906_179_845_938_664, 0.236_926_885_056_189),
-        (-0.538_469_310_105_683, 0.478_628_670_499_366),
-        (0.0, 0.568_888_888_888_889),
-        (0.538_469_310_105_683, 0.478_628_670_499_366),
-        (0.906_179_845_938_664, 0.236_926_885_056_189),
-    ];
-    let half = (b - a) / f64::from(panels) / 2.0;
-    let middles = (0..panels).map(|i| a + half * f64::from(2 * i + 1));
-    middles.map(|m| NODES.map(|(x, w)| w * half * f(m + half * x)).iter().sum::<f64>()).sum()
+/// A quadrature on each of `panels`.
+fn integral(a: f64, b: f64, panels: u32, nodes: &[(f64, f64)], f: impl Fn(f64) -> f64) -> f64 {
+    let edge = (b - a) / f64::from(panels);
+    let panel = |i| nodes.iter().map(move |&(x, w)| (a + edge * (f64::from(i) + x), w * edge));
+    (0..panels).flat_map(panel).map(|(t, w)| w * f(t)).sum()
 }
 
 /// A light of the single-scattering tests.
@@ -218,9 +211,10 @@ impl Sun {
 
 /// Radiance of light scattered once toward the viewer.
 fn scattered_once(sun: Sun, extinction: f64, albedo: f64, g: f64) -> impl Fn(DVec3, DVec3) -> f64 {
+    let nodes = gauss(5);
     move |o, d| {
         let Some((near, far)) = span(o, d) else { return 0.0 };
-        integral(near, far, 12, |t| {
+        integral(near, far, 12, &nodes, |t| {
             let (light, travel) = sun.at(o + d * t, extinction);
             let across = 1.0 + g * g - 2.0 * g * travel.dot(-d);
             let phase = (1.0 - g * g) / (4.0 * PI * across.powf(1.5));

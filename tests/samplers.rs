@@ -4,13 +4,13 @@ mod common;
 
 use std::f64::consts::PI;
 
-use common::{Judged, gpu, scene_over};
+use common::{Judged, gauss, gpu, scene_over};
 use glam::{DMat3, DVec3, dvec3};
 use photogram::frame::DeviceScene;
 use photogram::light::hash;
 use photogram::probe::{ProbeParams, What, draw};
 use photogram::scene::{Filter, LightKind, Scene};
-use photogram::volume::Volume;
+use photogram::volume::{Values, Volume};
 
 const DRAWS: u32 = 1 << 17;
 const CAMERA: &str = "[camera]\nfrom = [0, -1, 0]\n";
@@ -58,7 +58,7 @@ struct Layers {
 impl Layers {
     const EXTENT: DVec3 = dvec3(20.0, 11.2, 16.0);
 
-    /// In voxels of Self::EXTENT / (40, 16, 16) times `edge`.
+    /// In voxels of `EXTENT` / (40, 16, 16) times `edge`; bytes, or floats where these are not 1.
     fn volume(&self, edge: u32) -> Volume {
         let size = [40 / edge, 16 / edge, 16 / edge];
         let spacing = Self::EXTENT / DVec3::from(size.map(f64::from));
@@ -67,24 +67,12 @@ impl Layers {
             self.layers.iter().position(|&(end, _)| x < end).expect("layers fill the volume")
         };
         let count = size.iter().product::<u32>();
-        let values = (0..count).map(|i| layer(i % size[0]));
-        match edge {
-            1 => Volume::new(
-                size,
-                spacing,
-                DMat3::IDENTITY,
-                DVec3::ZERO,
-                values.map(|v| v as u8).collect::<Vec<_>>(),
-            ),
-            _ => Volume::new(
-                size,
-                spacing,
-                DMat3::IDENTITY,
-                DVec3::ZERO,
-                values.map(|v| v as f32).collect::<Vec<_>>(),
-            ),
-        }
-        .expect("a sound volume")
+        let layers = (0..count).map(|i| layer(i % size[0]));
+        let values: Values = match edge {
+            1 => layers.map(|l| l as u8).collect::<Vec<_>>().into(),
+            _ => layers.map(|l| l as f32).collect::<Vec<_>>().into(),
+        };
+        Volume::new(size, spacing, DMat3::IDENTITY, DVec3::ZERO, values).expect("sound")
     }
 
     fn scene(&self, volume: &Volume, filter: Filter, skip_empty: bool, seed: u64) -> Scene {
@@ -342,25 +330,6 @@ fn emitted(scene: &Scene, volume: &Volume) -> Vec<(DVec3, DVec3, f64)> {
         (p, d, w.x)
     })
     .collect()
-}
-
-/// Nodes and weights of Gauss and Legendre on [0, 1].
-fn gauss(n: usize) -> Vec<(f64, f64)> {
-    let node = |i: usize| {
-        let mut x = (PI * (i as f64 + 0.75) / (n as f64 + 0.5)).cos();
-        let mut slope = 0.0;
-        for _ in 0..20 {
-            let (mut before, mut p) = (1.0, x);
-            for k in 2..=n {
-                let k = k as f64;
-                (before, p) = (p, ((2.0 * k - 1.0) * x * p - (k - 1.0) * before) / k);
-            }
-            slope = n as f64 * (x * p - before) / (x * x - 1.0);
-            x -= p / slope;
-        }
-        ((1.0 + x) / 2.0, 1.0 / ((1.0 - x * x) * slope * slope))
-    };
-    (0..n).map(node).collect()
 }
 
 /// Irradiance that a light of unit emission throws on a face, by its outward normal.

@@ -8,12 +8,13 @@ struct SortParams {
     count: u32,
     blocks: u32,
     shift: u32,
+    mask: u32,
 }
 
 const EACH: u32 = SORT_BLOCK / GROUP;
 
 var<workgroup> tally: array<u32, RADIX * GROUP>;
 
-fn digit_of(key: u32, shift: u32) -> u32 {
-    return (key >> shift) & (RADIX - 1u);
+fn digit_of(key: u32, params: SortParams) -> u32 {
+    return (key >> params.shift) & params.mask;
 }

@@ -1,6 +1,6 @@
 //! Structs that a kernel and the host share, declared once.
 //!
-//! [`shared_struct!`] makes a plain-old-data Rust struct and notes its layout;
+//! `shared_struct!` makes a plain-old-data Rust struct and notes its layout;
 //! a test compares every note with what naga finds in the WGSL.
 
 /// Name, offset and size in bytes of one member.

@@ -28,6 +28,8 @@ shared_struct! {
         pub blocks: u32,
         /// The digit's place, in bits.
         pub shift: u32,
+        /// The digit's bits, before they are shifted there.
+        pub mask: u32,
     }
 }
 
@@ -79,7 +81,8 @@ impl Sorter {
         let mut from = (keys, values);
         let mut to = (&self.keys, &self.values);
         for shift in (0..bits).step_by(RADIX_BITS as usize) {
-            let params = SortParams { count, blocks, shift };
+            let mask = (1 << RADIX_BITS.min(bits - shift)) - 1;
+            let params = SortParams { count, blocks, shift, mask };
             let bindings = [
                 ("keys", from.0.into()),
                 ("values", from.1.into()),

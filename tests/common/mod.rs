@@ -118,3 +118,22 @@ impl Judged {
         p > Self::SIGNIFICANCE
     }
 }
+
+/// Nodes and weights of Gauss and Legendre on [0, 1].
+pub fn gauss(n: usize) -> Vec<(f64, f64)> {
+    let node = |i: usize| {
+        let mut x = (std::f64::consts::PI * (i as f64 + 0.75) / (n as f64 + 0.5)).cos();
+        let mut slope = 0.0;
+        for _ in 0..20 {
+            let (mut before, mut p) = (1.0, x);
+            for k in 2..=n {
+                let k = k as f64;
+                (before, p) = (p, ((2.0 * k - 1.0) * x * p - (k - 1.0) * before) / k);
+            }
+            slope = n as f64 * (x * p - before) / (x * x - 1.0);
+            x -= p / slope;
+        }
+        ((1.0 + x) / 2.0, 1.0 / ((1.0 - x * x) * slope * slope))
+    };
+    (0..n).map(node).collect()
+}
