@@ -2,7 +2,7 @@
 // cell of the light field that it crosses, as a rounded integer; or, with sign -1,
 // takes exactly that out again.
 
-import package::shared::counter::{DEPOSITS, CLAMPED};
+import package::shared::counter::{DEPOSITS, CLAMPED, UNFINISHED, count, expect, cut_short};
 import package::shared::item::item_index;
 import package::shared::light::emit;
 import package::shared::photon::{PhotonParams, identify};
@@ -18,13 +18,6 @@ import package::constants::GROUP;
 @group(0) @binding(11) var<storage, read_write> red: array<atomic<u32>>;
 @group(0) @binding(12) var<storage, read_write> green: array<atomic<u32>>;
 @group(0) @binding(13) var<storage, read_write> blue: array<atomic<u32>>;
-@group(0) @binding(14) var<storage, read_write> counters: array<atomic<u32>>;
-
-fn count(which: u32, amount: u32) {
-    if amount == 0u { return; }
-    let low = atomicAdd(&counters[2u * which], amount);
-    if low + amount < low { atomicAdd(&counters[2u * which + 1u], 1u); }
-}
 
 fn add_word(channel: u32, word: u32, value: u32) -> u32 {
     switch channel {
@@ -73,6 +66,7 @@ fn main(
     var t = 0.0;
     var deposits = 0u;
     var clamped = 0u;
+    var arrived = false;
     loop {
         let leave = min(walk_leave(w), length);
         let crossed = max(leave - t, 0.0);
@@ -87,8 +81,11 @@ fn main(
         clamped += u32(r.clamped) + u32(g.clamped) + u32(b.clamped);
         deposits++;
         t = max(leave, t);
-        if leave >= length || !walk_step(&w, l, edge, params.grid) { break; }
+        arrived = leave >= length || !walk_step(&w, l, edge, params.grid);
+        if arrived { break; }
     }
+    expect(arrived);
     count(DEPOSITS, deposits);
     count(CLAMPED, clamped);
+    count(UNFINISHED, u32(cut_short));
 }

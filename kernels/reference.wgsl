@@ -8,6 +8,7 @@
 import package::constants::{
     GROUP, LIGHT_POINT, LIGHT_DIRECTIONAL, LIGHT_RECTANGLE
 };
+import package::shared::counter::{UNFINISHED, count, expect, cut_short};
 import package::shared::item::item_index;
 import package::shared::light::lights;
 import package::shared::phase::{phase, sample_phase};
@@ -56,15 +57,18 @@ fn track(origin: vec3<f32>, direction: vec3<f32>, end: f32) -> Tracked {
     if reach.y <= reach.x { return result; }
     var w = walk_begin(l, reach.x, frame.cell_mm, frame.cells);
     var t_in = reach.x;
+    var arrived = false;
     loop {
         let t_out = min(walk_leave(w), stop);
         let majorant = majorants[cell_index(w.cell)];
         if majorant > 0.0 {
             var t = t_in;
+            var over = false;
             loop {
                 let words = next_words();
                 t += exponential(unit(words.x)) / majorant;
-                if t >= t_out { break; }
+                over = t >= t_out;
+                if over { break; }
                 let entry = entry_at(origin + direction * t);
                 @if(emission) { result.glow += emission[entry].rgb / majorant; }
                 if unit(words.y) * majorant < optics[entry].extinction {
@@ -74,10 +78,13 @@ fn track(origin: vec3<f32>, direction: vec3<f32>, end: f32) -> Tracked {
                     return result;
                 }
             }
+            expect(over);
         }
         t_in = max(t_out, t_in);
-        if t_out >= stop || !walk_step(&w, l, frame.cell_mm, frame.cells) { break; }
+        arrived = t_out >= stop || !walk_step(&w, l, frame.cell_mm, frame.cells);
+        if arrived { break; }
     }
+    expect(arrived);
     return result;
 }
 
@@ -89,16 +96,19 @@ fn transmittance(origin: vec3<f32>, direction: vec3<f32>, end: f32) -> f32 {
     if reach.y <= reach.x { return 1.0; }
     var w = walk_begin(l, reach.x, frame.cell_mm, frame.cells);
     var t_in = reach.x;
+    var arrived = false;
     var passed = 1.0;
     loop {
         let t_out = min(walk_leave(w), stop);
         let majorant = majorants[cell_index(w.cell)];
         if majorant > 0.0 {
             var t = t_in;
+            var over = false;
             loop {
                 let words = next_words();
                 t += exponential(unit(words.x)) / majorant;
-                if t >= t_out { break; }
+                over = t >= t_out;
+                if over { break; }
                 let extinction = optics[entry_at(origin + direction * t)].extinction;
                 passed *= 1.0 - extinction / majorant;
                 // A roulette keeps the estimate unbiased and ends hopeless walks.
@@ -107,10 +117,13 @@ fn transmittance(origin: vec3<f32>, direction: vec3<f32>, end: f32) -> f32 {
                     passed = 0.5;
                 }
             }
+            expect(over);
         }
         t_in = max(t_out, t_in);
-        if t_out >= stop || !walk_step(&w, l, frame.cell_mm, frame.cells) { break; }
+        arrived = t_out >= stop || !walk_step(&w, l, frame.cell_mm, frame.cells);
+        if arrived { break; }
     }
+    expect(arrived);
     return passed;
 }
 
@@ -150,13 +163,15 @@ fn radiance(origin: vec3<f32>, toward: vec3<f32>) -> vec3<f32> {
     var travel = toward;
     var weight = vec3<f32>(1.0);
     var total = vec3<f32>(0.0);
-    for (var event = 0u; event < path.max_events; event++) {
+    var over = false;
+    for (var event = 0u; !over; event++) {
         let found = track(point, travel, 1e30);
         if event == 0u {
             total += found.glow;
             if !found.collided { total += path.background; }
         }
-        if !found.collided { break; }
+        over = !found.collided;
+        if over { break; }
         point += travel * found.t;
         let material = scattering[found.entry];
         @if(anisotropic) let g = material.a;
@@ -164,15 +179,19 @@ fn radiance(origin: vec3<f32>, toward: vec3<f32>) -> vec3<f32> {
         weight *= material.rgb;
         if event >= path.roulette_from {
             let survival = clamp(max(weight.r, max(weight.g, weight.b)), 0.05, 1.0);
-            if unit(next_words().x) >= survival { break; }
+            over = unit(next_words().x) >= survival;
+            if over { break; }
             weight /= survival;
         }
-        if all(weight <= vec3<f32>(0.0)) { break; }
+        over = all(weight <= vec3<f32>(0.0));
+        if over { break; }
         for (var i = 0u; i < lights.count; i++) {
             total += weight * direct(i, point, travel, g);
         }
         travel = sample_phase(g, travel, unit4(next_words()).xy);
+        over = event + 1u >= path.max_events;
     }
+    expect(over);
     return total;
 }
 
@@ -188,7 +207,8 @@ fn main(
     let at = vec2<u32>(pixel % params.width, pixel / params.width);
     var mean = means[pixel].rgb;
     var deviation = deviations[pixel].rgb;
-    for (var s = 0u; s < path.samples; s++) {
+    var s = 0u;
+    for (; s < path.samples; s++) {
         let sample = path.first_sample + s;
         let key = draw(frame.seed, pixel, sample, FOR_PATH);
         stream = vec4<u32>(key.xyz, 0u);
@@ -200,6 +220,8 @@ fn main(
         mean += off / f32(sample + 1u);
         deviation += off * (x - mean);
     }
+    expect(s == path.samples);
+    count(UNFINISHED, u32(cut_short));
     means[pixel] = vec4<f32>(mean, f32(path.first_sample + path.samples));
     deviations[pixel] = vec4<f32>(deviation, 0.0);
 }

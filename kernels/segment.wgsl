@@ -7,7 +7,9 @@
 // integer sums until the last batch turns them into colour.
 
 import package::constants::GROUP;
-import package::shared::counter::{CLAMPED, GATHERED, SAMPLES};
+import package::shared::counter::{
+    CLAMPED, GATHERED, SAMPLES, UNFINISHED, count, expect, cut_short
+};
 import package::shared::item::item_index;
 import package::shared::scene::{
     frame, optics, emission, cell_masks, entry_at, bin_bit, cell_index
@@ -17,7 +19,6 @@ import package::shared::segment::{SegmentParams, Span, span_of};
 @if(!fluence) import package::shared::source_points::{Gathered, gather, radiance_of};
 import package::shared::walk::{Line, walk_begin, walk_leave, walk_step};
 
-@group(0) @binding(7) var<storage, read_write> counters: array<atomic<u32>>;
 @group(0) @binding(8) var<uniform> params: SegmentParams;
 @group(0) @binding(9) var<storage, read> work: array<u32>;
 @group(0) @binding(10) var<storage, read_write> segment_words: array<u32>;
@@ -56,7 +57,8 @@ fn interval(ray: Line, t: f32, length: f32, march: ptr<function, March>) {
     // Where nothing scatters no light is gathered: sigma_s = 0 in H(1).
     if o.extinction > 0.0 {
         let seen = ray.origin + ray.direction * (t + lean(o.extinction * length) * length);
-        (*march).light = gather(seen, entry, weight * params.scale, -ray.direction, (*march).light);
+        let scaled = weight * params.scale;
+        (*march).light = gather(params, seen, entry, scaled, -ray.direction, (*march).light);
     }
     (*march).transmittance *= passed;
 }
@@ -70,6 +72,7 @@ fn march_span(span: Span, march: ptr<function, March>) {
     let edge = 1.0 / frame.per_voxel;
     var t = begin;
     var w = walk_begin(span.ray, t, edge, frame.size);
+    var arrived = false;
     loop {
         let leave = min(walk_leave(w), end);
         if leave > t {
@@ -83,12 +86,16 @@ fn march_span(span: Span, march: ptr<function, March>) {
                 // A voxel is constant, but the light in it is not.
                 let parts = ceil((leave - t) / frame.step);
                 let h = (leave - t) / parts;
-                for (var i = 0.5; i < parts; i += 1.0) { interval(span.ray, t + i * h, h, march); }
+                var i = 0.5;
+                for (; i < parts; i += 1.0) { interval(span.ray, t + i * h, h, march); }
+                expect(i >= parts);
             }
             t = leave;
         }
-        if leave >= end || !walk_step(&w, span.ray, edge, frame.size) { break; }
+        arrived = leave >= end || !walk_step(&w, span.ray, edge, frame.size);
+        if arrived { break; }
     }
+    expect(arrived);
 }
 
 @if(!nearest)
@@ -117,12 +124,7 @@ fn march_span(span: Span, march: ptr<function, March>) {
         interval(span.ray, t, h, march);
         i++;
     }
-}
-
-fn count(which: u32, amount: u32) {
-    if amount == 0u { return; }
-    let low = atomicAdd(&counters[2u * which], amount);
-    if low + amount < low { atomicAdd(&counters[2u * which + 1u], 1u); }
+    expect(i >= end);
 }
 
 @compute @workgroup_size(GROUP)
@@ -149,6 +151,7 @@ fn main(
     count(CLAMPED, march.light.clamped);
     count(GATHERED, march.light.tested);
     count(SAMPLES, march.samples);
+    count(UNFINISHED, u32(cut_short));
     @if(!fluence) {
         if params.batch_last == 0u {
             segment_words[at] = march.light.red.x;

@@ -140,6 +140,7 @@ impl Fluence {
                 &mut |n| progress.at("deposit", n, slots),
             )?;
         }
+        counters.read(gpu)?.all_finished("deposit", "lower `grid`")?;
         let mut stage = gpu.stage("resolve");
         let cells = self.grid.iter().map(|&n| u64::from(n)).product();
         let params = ResolveParams { grid: self.grid, per_sum: self.per_sum };

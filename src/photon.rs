@@ -18,6 +18,9 @@ use crate::scene::Settings;
 /// Bytes of a photon slot.
 pub const SLOT_BYTES: u64 = 32;
 
+/// Events that one dispatch traces: few, so that no thread runs for long.
+const EVENTS_AT_ONCE: u32 = 4;
+
 /// Photons in a batch: a work item keeps the event in its upper eight bits.
 const MAX_BATCH: u64 = 1 << 24;
 
@@ -44,6 +47,12 @@ shared_struct! {
         pub grid: [u32; 3],
         /// 1 adds to the light field, -1 takes out.
         pub sign: i32,
+        /// First event of the window that a dispatch traces.
+        pub first_event: u32,
+        /// The event before which it stops.
+        pub stop_event: u32,
+        /// Keeps the size a multiple of 16.
+        pub pad: [u32; 2],
     }
 }
 
@@ -62,9 +71,32 @@ pub struct Counters {
     pub gathered: u64,
     /// March samples of view rays.
     pub samples: u64,
+    /// Items whose loops the driver ended; nothing is returned unless it is 0.
+    #[serde(skip)]
+    pub unfinished: u64,
 }
 
-const COUNTERS: usize = 6;
+const COUNTERS: usize = 7;
+
+impl Counters {
+    /// Fails where the driver ended a loop before its time.
+    ///
+    /// # Errors
+    /// It did, in `stage`.
+    pub fn all_finished(&self, stage: &str, remedy: &str) -> Result<()> {
+        if self.unfinished == 0 {
+            return Ok(());
+        }
+        Err(Error::capacity(
+            stage,
+            format!(
+                "the driver ended the loops of {} items before they were done (Mesa's software \
+                 adapter allows 65535 iterations); {remedy}, or use another adapter",
+                self.unfinished
+            ),
+        ))
+    }
+}
 
 /// The counters on the device.
 pub struct CounterBuffer(wgpu::Buffer);
@@ -85,7 +117,21 @@ impl CounterBuffer {
 
     /// Sets them to zero.
     pub fn clear(&self, gpu: &Gpu) {
-        gpu.write(&self.0, &[0u64; COUNTERS]);
+        self.restore(gpu, &Counters::default());
+    }
+
+    /// Sets them back to what they were, before work that must be done again.
+    pub fn restore(&self, gpu: &Gpu, c: &Counters) {
+        let words: [u64; COUNTERS] = [
+            c.tentative,
+            c.interactions,
+            c.clamped,
+            c.deposits,
+            c.gathered,
+            c.samples,
+            c.unfinished,
+        ];
+        gpu.write(&self.0, &words);
     }
 
     /// Reads them.
@@ -101,6 +147,7 @@ impl CounterBuffer {
             deposits: c[3],
             gathered: c[4],
             samples: c[5],
+            unfinished: c[6],
         })
     }
 }
@@ -184,16 +231,37 @@ impl PhotonMap {
         PhotonParams { first_photon: batch.first, photons: batch.photons, ..self.params }
     }
 
-    /// Traces every photon from its light.
+    /// Traces every photon from its light, a window of events at a time.
     ///
     /// # Errors
-    /// The device failed.
+    /// The device failed, or ended the loops of even a single flight.
     pub fn trace(
         &self,
         gpu: &Gpu,
         scene: &DeviceScene,
         counters: &CounterBuffer,
         split: &Split,
+        progress: &mut Progress,
+    ) -> Result<()> {
+        let before = counters.read(gpu)?;
+        for window in [EVENTS_AT_ONCE, 1] {
+            counters.restore(gpu, &before);
+            self.trace_windows(gpu, scene, counters, split, window, progress)?;
+            if counters.read(gpu)?.unfinished == 0 {
+                return Ok(());
+            }
+        }
+        let remedy = "lower `majorant` and the extinctions, or the volume's resolution";
+        counters.read(gpu)?.all_finished("trace", remedy)
+    }
+
+    fn trace_windows(
+        &self,
+        gpu: &Gpu,
+        scene: &DeviceScene,
+        counters: &CounterBuffer,
+        split: &Split,
+        window: u32,
         progress: &mut Progress,
     ) -> Result<()> {
         let mut done = 0;
@@ -206,12 +274,18 @@ impl PhotonMap {
                 batch.photons.into(),
                 1 << 14,
                 |stage, range| {
-                    let params = PhotonParams {
-                        first_item: range.start as u32,
-                        items: (range.end - range.start) as u32,
-                        ..self.params(batch)
-                    };
-                    stage.dispatch(&self.trace, range.end - range.start, &bindings, &params)
+                    for first_event in (0..self.max_events).step_by(window as usize) {
+                        let params = PhotonParams {
+                            first_item: range.start as u32,
+                            items: (range.end - range.start) as u32,
+                            first_event,
+                            stop_event: (first_event + window).min(self.max_events),
+                            ..self.params(batch)
+                        };
+                        let items = range.end - range.start;
+                        stage.dispatch(&self.trace, items, &bindings, &params)?;
+                    }
+                    Ok(())
                 },
                 &mut |n| progress.at("trace", done + n, scene.lights.photons.into()),
             )?;

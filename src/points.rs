@@ -176,9 +176,10 @@ impl Points {
         Ok(sorted)
     }
 
-    /// The sorted field of each batch, by the names that the segment kernel gives it.
-    pub fn bindings(&self) -> Vec<Bindings<'_>> {
-        self.batches.iter().map(SortedBatch::bindings).collect()
+    /// The sorted field of each batch, by the names that the segment kernel gives it, and
+    /// how many points it has.
+    pub fn bindings(&self) -> Vec<(Bindings<'_>, u32)> {
+        self.batches.iter().map(|b| (b.bindings(), b.count)).collect()
     }
 
     /// The sorted points of all batches: position and direction, contribution and g.

@@ -9,6 +9,7 @@ use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
+use crate::photon::CounterBuffer;
 use crate::render::Progress;
 use crate::scene::{Method, Scene};
 use crate::segment::{SegmentParams, camera_params};
@@ -41,6 +42,7 @@ pub struct Reference {
     majorants: wgpu::Buffer,
     means: wgpu::Buffer,
     deviations: wgpu::Buffer,
+    counters: CounterBuffer,
     kernel: Arc<Kernel>,
 }
 
@@ -70,6 +72,7 @@ impl Reference {
                 .upload("majorants", &device.cells.majorants(&device.table, glow_rate))?,
             means: gpu.buffer::<[f32; 4]>("reference means", pixels)?,
             deviations: gpu.buffer::<[f32; 4]>("reference deviations", pixels)?,
+            counters: CounterBuffer::new(gpu)?,
             kernel: gpu.kernel("reference", &flags)?,
         })
     }
@@ -85,26 +88,24 @@ impl Reference {
         samples: u32,
         progress: &mut Progress,
     ) -> Result<()> {
-        // A few at a time, so that a picture of few pixels still runs in slices.
-        const EACH: u32 = 16;
         let pixels = u64::from(self.params.width) * u64::from(self.params.height);
         let mut bindings = device.bindings();
         bindings.extend([
             ("majorants", (&self.majorants).into()),
             ("means", (&self.means).into()),
             ("deviations", (&self.deviations).into()),
+            ("counters", self.counters.buffer().into()),
         ]);
-        let mut done = 0;
-        while done < samples {
-            let now = EACH.min(samples - done);
-            let path = ReferenceParams { samples: now, ..self.path };
+        // One at a time: a thread that runs for long is ended by some drivers.
+        for done in 0..samples {
+            let path = ReferenceParams { samples: 1, ..self.path };
             let path = gpu.upload("path", &[path])?;
             let mut bindings = bindings.clone();
             bindings.push(("path", (&path).into()));
             gpu.sliced(
                 "reference",
                 pixels,
-                1 << 11,
+                1 << 13,
                 |stage, range| {
                     let params = SegmentParams {
                         first_item: range.start as u32,
@@ -115,13 +116,13 @@ impl Reference {
                 },
                 &mut |n| {
                     let all = u64::from(samples) * pixels;
-                    progress.at("reference", u64::from(done) * pixels + n * u64::from(now), all);
+                    progress.at("reference", u64::from(done) * pixels + n, all);
                 },
             )?;
-            self.path.first_sample += now;
-            done += now;
+            self.path.first_sample += 1;
         }
-        Ok(())
+        let remedy = "lower the extinctions, or the volume's resolution";
+        self.counters.read(gpu)?.all_finished("reference", remedy)
     }
 
     /// The mean so far, and the standard error of each pixel of it.

@@ -14,7 +14,7 @@ use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
-use crate::gpu::run::Bindings;
+use crate::gpu::run::{Bindings, Stage};
 use crate::photon::CounterBuffer;
 use crate::points::Points;
 use crate::render::{CONTRIBUTION, Progress, Split};
@@ -53,6 +53,12 @@ shared_struct! {
         pub batch_first: u32,
         /// 1 where the colour is finished.
         pub batch_last: u32,
+        /// First of the sorted points that a dispatch gathers.
+        pub points_begin: u32,
+        /// The point before which it stops.
+        pub points_end: u32,
+        /// Keeps the size a multiple of 16.
+        pub pad: [u32; 2],
     }
 }
 
@@ -91,6 +97,9 @@ shared_struct! {
         pub fresh: u32,
     }
 }
+
+/// Parts in which the points are gathered, at most.
+const MAX_PARTS: u32 = 1 << 12;
 
 /// Bytes of a segment.
 pub const SEGMENT_BYTES: u64 = size_of::<Segment>() as u64;
@@ -240,49 +249,97 @@ impl SegmentMap {
         progress: &mut Progress,
     ) -> Result<()> {
         let rays = self.strata[0] * self.strata[1];
-        let batches: Vec<Bindings> = match field {
-            LightField::Fluence(fluence) => vec![fluence.bindings()],
-            LightField::Points(points) => points.bindings(),
-        };
-        let total: u64 = u64::from(rays) * self.count() * batches.len() as u64;
-        let mut done = 0;
+        let total = u64::from(rays) * u64::from(self.params.height);
+        let mut parts = 1;
         for ray in 0..rays {
             for band in &self.bands {
-                let count = u64::from(band.rows * self.params.width * self.params.segments);
-                for (i, batch) in batches.iter().enumerate() {
-                    let mut bindings = [device.bindings(), batch.clone()].concat();
-                    bindings.extend([
-                        ("work", (&band.work).into()),
-                        ("segment_words", (&band.segments).into()),
-                        ("counters", counters.buffer().into()),
-                    ]);
-                    gpu.sliced(
-                        "segment",
-                        count,
-                        1 << 12,
-                        |stage, range| {
-                            let params = SegmentParams {
-                                first_row: band.first_row,
-                                first_item: range.start as u32,
-                                items: (range.end - range.start) as u32,
-                                strata: self.strata,
-                                ray,
-                                batch_first: u32::from(i == 0),
-                                batch_last: u32::from(i + 1 == batches.len()),
-                                ..self.params
-                            };
-                            stage.dispatch(
-                                &self.segment,
-                                range.end - range.start,
-                                &bindings,
-                                &params,
-                            )
-                        },
-                        &mut |n| progress.at("segment", done + n, total),
-                    )?;
-                    done += count;
-                }
+                parts = self.gather(gpu, device, field, counters, band, ray, parts)?;
                 self.composite(gpu, band, ray, rays)?;
+                let rows = u64::from(ray * self.params.height + band.first_row + band.rows);
+                progress.at("segment", rows, total);
+            }
+        }
+        Ok(())
+    }
+
+    /// Computes the segments of a band. Where the driver ends the loops of a long gather,
+    /// the points are taken in more parts: sums of integers, so no bit depends on it.
+    /// Returns the parts that sufficed.
+    #[expect(clippy::too_many_arguments, reason = "the pieces of one stage")]
+    fn gather(
+        &self,
+        gpu: &Gpu,
+        device: &DeviceScene,
+        field: &LightField,
+        counters: &CounterBuffer,
+        band: &Band,
+        ray: u32,
+        parts: u32,
+    ) -> Result<u32> {
+        let before = counters.read(gpu)?;
+        let most = match field {
+            LightField::Fluence(_) => 1,
+            LightField::Points(_) => MAX_PARTS,
+        };
+        let mut parts = parts;
+        loop {
+            self.gather_parts(gpu, device, field, counters, band, ray, parts)?;
+            let after = counters.read(gpu)?;
+            if after.unfinished == 0 {
+                return Ok(parts);
+            }
+            if parts >= most {
+                after.all_finished("segment", "raise `segments`, or lower `radius`")?;
+            }
+            counters.restore(gpu, &before);
+            parts *= 4;
+        }
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "the pieces of one stage")]
+    fn gather_parts(
+        &self,
+        gpu: &Gpu,
+        device: &DeviceScene,
+        field: &LightField,
+        counters: &CounterBuffer,
+        band: &Band,
+        ray: u32,
+        parts: u32,
+    ) -> Result<()> {
+        let batches: Vec<(Bindings, u32)> = match field {
+            LightField::Fluence(fluence) => vec![(fluence.bindings(), 0)],
+            LightField::Points(points) => points.bindings(),
+        };
+        let count = u64::from(band.rows * self.params.width * self.params.segments);
+        let last = batches.len() as u32 * parts - 1;
+        for (i, (batch, points)) in (0..).zip(&batches) {
+            let mut bindings = [device.bindings(), batch.clone()].concat();
+            bindings.extend([
+                ("work", (&band.work).into()),
+                ("segment_words", (&band.segments).into()),
+                ("counters", counters.buffer().into()),
+            ]);
+            let bound =
+                |part: u32| (u64::from(*points) * u64::from(part) / u64::from(parts)) as u32;
+            for part in 0..parts {
+                let run = i * parts + part;
+                let work = |stage: &mut Stage, range: std::ops::Range<u64>| {
+                    let params = SegmentParams {
+                        first_row: band.first_row,
+                        first_item: range.start as u32,
+                        items: (range.end - range.start) as u32,
+                        strata: self.strata,
+                        ray,
+                        batch_first: u32::from(run == 0),
+                        batch_last: u32::from(run == last),
+                        points_begin: bound(part),
+                        points_end: bound(part + 1),
+                        ..self.params
+                    };
+                    stage.dispatch(&self.segment, range.end - range.start, &bindings, &params)
+                };
+                gpu.sliced("segment", count, 1 << 12, work, &mut |_| ())?;
             }
         }
         Ok(())

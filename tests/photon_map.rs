@@ -133,6 +133,6 @@ fn every_truth_is_met() {
         let image = photon_map(&scene, &volume, (estimator, Weighting::Even), size, 200_000);
         let m = Metrics::of(&image, &truth_image(name).0).expect("comparable");
         println!("{name}: relMSE {:.4}, energy {:.4}", m.rel_mse, m.energy);
-        assert!(m.rel_mse < bound && (m.energy - 1.0).abs() < 0.06, "{name}");
+        assert!(m.rel_mse < bound && (m.energy - 1.0).abs() < 0.07, "{name}");
     }
 }

@@ -7,3 +7,21 @@ const CLAMPED: u32 = 2u;       // contributions clamped
 const DEPOSITS: u32 = 3u;      // cells that flights were added to
 const GATHERED: u32 = 4u;      // photons that a gather tested
 const SAMPLES: u32 = 5u;       // march samples of view rays
+const UNFINISHED: u32 = 6u;    // items whose loops the driver ended
+
+@group(0) @binding(7) var<storage, read_write> counters: array<atomic<u32>>;
+
+fn count(which: u32, amount: u32) {
+    if amount == 0u { return; }
+    let low = atomicAdd(&counters[2u * which], amount);
+    if low + amount < low { atomicAdd(&counters[2u * which + 1u], 1u); }
+}
+
+// Some drivers end a thread's loops without a word (Mesa's software adapter after 65 535
+// iterations of all of them together). Every loop whose length depends on the data says
+// afterwards whether it came to its own end; the host splits the work, or refuses.
+var<private> cut_short: bool = false;
+
+fn expect(finished: bool) {
+    if !finished { cut_short = true; }
+}

@@ -8,6 +8,7 @@
 // materials; and where a cell's extinction stays below majorant * 2^-k, the layers
 // before k need not be drawn at all, since nothing in them could be real.
 
+import package::shared::counter::expect;
 import package::shared::random::{pcg4d, unit, exponential};
 import package::shared::scene::{
     frame, optics, cell_masks, cell_levels, entry_at, bin_bit, cell_index
@@ -29,6 +30,7 @@ fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>) -> Flight {
     let leave = inside(l, frame.extent).y;
     var result = Flight(max(leave, 0.0), 0u, false, vec2<u32>(0u), 0u);
     var t_in = 0.0;
+    var arrived = false;
     var w = walk_begin(l, 0.0, frame.cell_mm, frame.cells);
     loop {
         var t_out = min(walk_leave(w), leave);
@@ -39,15 +41,18 @@ fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>) -> Flight {
             // What is not drawn relied on every value that the cell can have.
             if level > 0u { result.history |= cell_masks[cell]; }
         }
-        for (var layer = level; layer < LAYERS; layer++) {
+        var layer = level;
+        for (; layer < LAYERS; layer++) {
             let last = layer == LAYERS - 1u;
             let width = power_of_two(-i32(select(layer + 1u, layer, last)));
             let floor_of_marks = select(width, 0.0, last);
             var t = t_in;
+            var over = false;
             for (var j = 0u; ; j++) {
                 let words = pcg4d(vec4<u32>(key, cell * LAYERS + layer, j));
                 t += exponential(unit(words.x)) / (frame.majorant * width);
-                if t >= t_out { break; }
+                over = t >= t_out;
+                if over { break; }
                 result.tentative++;
                 let entry = entry_at(origin + direction * t);
                 let o = optics[entry];
@@ -59,13 +64,19 @@ fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>) -> Flight {
                     result.distance = t;
                     result.entry = entry;
                     result.collided = true;
+                    over = true;
                     break;
                 }
             }
+            expect(over);
         }
-        if result.collided { break; }
+        expect(layer >= LAYERS);
+        arrived = result.collided;
+        if arrived { break; }
         t_in = max(t_out, t_in);
-        if t_out >= leave || !walk_step(&w, l, frame.cell_mm, frame.cells) { break; }
+        arrived = t_out >= leave || !walk_step(&w, l, frame.cell_mm, frame.cells);
+        if arrived { break; }
     }
+    expect(arrived);
     return result;
 }

@@ -17,6 +17,9 @@ struct PhotonParams {
     scale: f32,            // of integer sums
     grid: vec3<u32>,       // cells of the light field
     sign: i32,             // 1 adds, -1 takes out
+    first_event: u32,      // the window of events that this dispatch traces
+    stop_event: u32,
+    pad: vec2<u32>,
 }
 
 // A photon on its way: packed, as the next slot will store it.

@@ -21,6 +21,9 @@ struct SegmentParams {
     scale: f32,             // of integer sums
     batch_first: u32,       // 1: sums begin at zero
     batch_last: u32,        // 1: the colour is finished
+    points_begin: u32,      // the part of the sorted points that this dispatch gathers
+    points_end: u32,
+    pad: vec2<u32>,
 }
 
 struct Segment {

@@ -3,6 +3,7 @@
 
 import package::shared::phase::PI;
 import package::shared::scene::{frame, scattering};
+import package::shared::segment::SegmentParams;
 
 struct FluenceParams {
     grid: vec3<u32>,
@@ -36,7 +37,7 @@ fn fluence_at(point: vec3<f32>) -> vec3<f32> {
 }
 
 fn gather(
-    point: vec3<f32>, entry: u32, weight: f32, toward: vec3<f32>, so_far: Gathered,
+    params: SegmentParams, point: vec3<f32>, entry: u32, weight: f32, toward: vec3<f32>, so_far: Gathered,
 ) -> Gathered {
     let light = weight / (4.0 * PI) * scattering[entry].rgb * fluence_at(point);
     return Gathered(so_far.radiance + light, so_far.clamped, so_far.tested + 1u);
