@@ -3,7 +3,8 @@
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::render::{Progress, Rendered, Split, render};
-use crate::scene::{Scale, Scene};
+use crate::scene::{Scale, Scene, VolumeSource};
+use crate::volume::phantom::Phantom;
 
 /// One picture of the demonstration.
 pub struct Shot {
@@ -21,7 +22,11 @@ pub struct Shot {
 /// The device failed.
 pub fn run(gpu: &Gpu, progress: &mut Progress) -> Result<Vec<Shot>> {
     let mut scene = Scene::parse(include_str!("../data/scenes/hand.toml"), "hand.toml")?;
+    // A small picture of a finer phantom: a minute on two cores without a GPU is the limit.
     scene.scale(Scale::Small);
+    scene.volume = VolumeSource::Phantom { phantom: Phantom::Hand, size: 128 };
+    (scene.camera.width, scene.camera.height) = (384, 384);
+    scene.settings.rays = 4;
     let volume = scene.volume.load()?;
     scene.settle(&volume);
     let edits: Vec<_> = scene.edits.iter().map(|edit| edit.name.clone()).collect();

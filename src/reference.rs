@@ -35,6 +35,9 @@ shared_struct! {
 /// Events at most, where all orders are asked for; a roulette ends paths long before.
 const ALL_EVENTS: u32 = 100_000;
 
+/// Samples that one dispatch adds to each pixel.
+const SAMPLES_AT_ONCE: u32 = 8;
+
 /// A reference image in the making.
 pub struct Reference {
     params: SegmentParams,
@@ -88,6 +91,32 @@ impl Reference {
         samples: u32,
         progress: &mut Progress,
     ) -> Result<()> {
+        let film =
+            (gpu.read("reference means", &self.means)?, gpu.read("reference", &self.deviations)?);
+        let first = self.path.first_sample;
+        // Few at a time, fewer still where the driver ends the loops of a long path.
+        for each in [SAMPLES_AT_ONCE, 1] {
+            self.path.first_sample = first;
+            self.counters.clear(gpu);
+            gpu.write::<[f32; 4]>(&self.means, &film.0);
+            gpu.write::<[f32; 4]>(&self.deviations, &film.1);
+            self.add_in_steps(gpu, device, samples, each, progress)?;
+            if self.counters.read(gpu)?.unfinished == 0 {
+                return Ok(());
+            }
+        }
+        let remedy = "lower the extinctions, or the volume's resolution";
+        self.counters.read(gpu)?.all_finished("reference", remedy)
+    }
+
+    fn add_in_steps(
+        &mut self,
+        gpu: &Gpu,
+        device: &DeviceScene,
+        samples: u32,
+        each: u32,
+        progress: &mut Progress,
+    ) -> Result<()> {
         let pixels = u64::from(self.params.width) * u64::from(self.params.height);
         let mut bindings = device.bindings();
         bindings.extend([
@@ -96,9 +125,9 @@ impl Reference {
             ("deviations", (&self.deviations).into()),
             ("counters", self.counters.buffer().into()),
         ]);
-        // One at a time: a thread that runs for long is ended by some drivers.
-        for done in 0..samples {
-            let path = ReferenceParams { samples: 1, ..self.path };
+        for done in (0..samples).step_by(each as usize) {
+            let now = each.min(samples - done);
+            let path = ReferenceParams { samples: now, ..self.path };
             let path = gpu.upload("path", &[path])?;
             let mut bindings = bindings.clone();
             bindings.push(("path", (&path).into()));
@@ -116,13 +145,12 @@ impl Reference {
                 },
                 &mut |n| {
                     let all = u64::from(samples) * pixels;
-                    progress.at("reference", u64::from(done) * pixels + n, all);
+                    progress.at("reference", u64::from(done) * pixels + n * u64::from(now), all);
                 },
             )?;
-            self.path.first_sample += 1;
+            self.path.first_sample += now;
         }
-        let remedy = "lower the extinctions, or the volume's resolution";
-        self.counters.read(gpu)?.all_finished("reference", remedy)
+        Ok(())
     }
 
     /// The mean so far, and the standard error of each pixel of it.
