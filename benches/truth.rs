@@ -40,6 +40,9 @@ struct Args {
     max_events: Option<u32>,
     #[arg(long, default_value = "out/truth")]
     out: PathBuf,
+    /// Draws the charts again from the folder's `truth.csv`, and measures nothing
+    #[arg(long)]
+    redraw: bool,
     /// Given by cargo
     #[arg(long, hide = true)]
     bench: bool,
@@ -47,6 +50,11 @@ struct Args {
 
 fn main() -> anyhow::Result<()> {
     let args = Args::parse();
+    if args.redraw {
+        let csv = std::fs::read_to_string(args.out.join("truth.csv"))?;
+        let rows: Vec<Row> = csv.lines().skip(1).map(Row::read).collect::<anyhow::Result<_>>()?;
+        return charts(&args, &rows);
+    }
     let gpu = Gpu::open(&AdapterChoice::Best)?;
     println!("adapter: {}", gpu.report().name);
     println!(
@@ -102,7 +110,7 @@ fn main() -> anyhow::Result<()> {
                     m.rel_mse, m.leak, m.energy
                 );
                 let (scene, rel_mse) = (name.clone(), m.rel_mse);
-                rows.push(Row { scene, label, size, photons, rel_mse });
+                rows.push(Row { scene, label: label.to_owned(), size, photons, rel_mse });
                 writeln!(
                     csv,
                     "{name},{label},{size},{photons},{rays},{},{},{},{trace},{field},{gather}",
@@ -159,10 +167,10 @@ fn chart(path: &Path, title: &str, rows: &[&Row]) -> anyhow::Result<()> {
         .margin(10)
         .x_label_area_size(40)
         .y_label_area_size(60)
-        .right_y_label_area_size(150)
+        .margin_right(160)
         .build_cartesian_2d((few..many).log_scale(), (1e-3..2.0).log_scale())?;
     chart.configure_mesh().x_desc("photons").y_desc("relMSE").draw()?;
-    let mut lines: Vec<(&str, f64)> = rows.iter().map(|r| (r.label, r.size)).collect();
+    let mut lines: Vec<(&str, f64)> = rows.iter().map(|r| (r.label.as_str(), r.size)).collect();
     lines.dedup();
     for (label, size) in lines {
         // A colour for each estimator, paler where it is coarser.
@@ -175,7 +183,7 @@ fn chart(path: &Path, title: &str, rows: &[&Row]) -> anyhow::Result<()> {
         let style = colour.mix(1.0 / (1.0 + 0.35 * f64::log2(coarser))).stroke_width(2);
         let points: Vec<_> = rows
             .iter()
-            .filter(|r| (r.label, r.size) == (label, size))
+            .filter(|r| (r.label.as_str(), r.size) == (label, size))
             .map(|r| (r.photons as f64, r.rel_mse))
             .collect();
         let end = points[points.len() - 1];

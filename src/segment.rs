@@ -146,6 +146,16 @@ struct Band {
     work: wgpu::Buffer,
 }
 
+/// What the gather of one band and one ray a pixel works with.
+struct Gather<'a> {
+    gpu: &'a Gpu,
+    device: &'a DeviceScene,
+    field: &'a LightField,
+    counters: &'a CounterBuffer,
+    band: &'a Band,
+    ray: u32,
+}
+
 /// All segments of an image, and its film.
 pub struct SegmentMap {
     params: SegmentParams,
@@ -253,7 +263,7 @@ impl SegmentMap {
         let mut parts = 1;
         for ray in 0..rays {
             for band in &self.bands {
-                parts = self.gather(gpu, device, field, counters, band, ray, parts)?;
+                parts = self.gather(&Gather { gpu, device, field, counters, band, ray }, parts)?;
                 self.composite(gpu, band, ray, rays)?;
                 let rows = u64::from(ray * self.params.height + band.first_row + band.rows);
                 progress.at("segment", rows, total);
@@ -265,25 +275,15 @@ impl SegmentMap {
     /// Computes the segments of a band. Where the driver ends the loops of a long gather,
     /// the points are taken in more parts: sums of integers, so no bit depends on it.
     /// Returns the parts that sufficed.
-    #[expect(clippy::too_many_arguments, reason = "the pieces of one stage")]
-    fn gather(
-        &self,
-        gpu: &Gpu,
-        device: &DeviceScene,
-        field: &LightField,
-        counters: &CounterBuffer,
-        band: &Band,
-        ray: u32,
-        parts: u32,
-    ) -> Result<u32> {
+    fn gather(&self, stage: &Gather, mut parts: u32) -> Result<u32> {
+        let (gpu, counters) = (stage.gpu, stage.counters);
         let before = counters.read(gpu)?;
-        let most = match field {
+        let most = match stage.field {
             LightField::Fluence(_) => 1,
             LightField::Points(_) => MAX_PARTS,
         };
-        let mut parts = parts;
         loop {
-            self.gather_parts(gpu, device, field, counters, band, ray, parts)?;
+            self.gather_parts(stage, parts)?;
             let after = counters.read(gpu)?;
             if after.unfinished == 0 {
                 return Ok(parts);
@@ -296,50 +296,42 @@ impl SegmentMap {
         }
     }
 
-    #[expect(clippy::too_many_arguments, reason = "the pieces of one stage")]
-    fn gather_parts(
-        &self,
-        gpu: &Gpu,
-        device: &DeviceScene,
-        field: &LightField,
-        counters: &CounterBuffer,
-        band: &Band,
-        ray: u32,
-        parts: u32,
-    ) -> Result<()> {
-        let batches: Vec<(Bindings, u32)> = match field {
+    fn gather_parts(&self, stage: &Gather, parts: u32) -> Result<()> {
+        let band = stage.band;
+        let batches: Vec<(Bindings, u32)> = match stage.field {
             LightField::Fluence(fluence) => vec![(fluence.bindings(), 0)],
             LightField::Points(points) => points.bindings(),
         };
         let count = u64::from(band.rows * self.params.width * self.params.segments);
         let last = batches.len() as u32 * parts - 1;
         for (i, (batch, points)) in (0..).zip(&batches) {
-            let mut bindings = [device.bindings(), batch.clone()].concat();
+            let mut bindings = [stage.device.bindings(), batch.clone()].concat();
             bindings.extend([
                 ("work", (&band.work).into()),
                 ("segment_words", (&band.segments).into()),
-                ("counters", counters.buffer().into()),
+                ("counters", stage.counters.buffer().into()),
             ]);
             let bound =
                 |part: u32| (u64::from(*points) * u64::from(part) / u64::from(parts)) as u32;
             for part in 0..parts {
                 let run = i * parts + part;
-                let work = |stage: &mut Stage, range: std::ops::Range<u64>| {
-                    let params = SegmentParams {
-                        first_row: band.first_row,
-                        first_item: range.start as u32,
-                        items: (range.end - range.start) as u32,
-                        strata: self.strata,
-                        ray,
-                        batch_first: u32::from(run == 0),
-                        batch_last: u32::from(run == last),
-                        points_begin: bound(part),
-                        points_end: bound(part + 1),
-                        ..self.params
-                    };
-                    stage.dispatch(&self.segment, range.end - range.start, &bindings, &params)
+                let params = SegmentParams {
+                    first_row: band.first_row,
+                    strata: self.strata,
+                    ray: stage.ray,
+                    batch_first: u32::from(run == 0),
+                    batch_last: u32::from(run == last),
+                    points_begin: bound(part),
+                    points_end: bound(part + 1),
+                    ..self.params
                 };
-                gpu.sliced("segment", count, 1 << 12, work, &mut |_| ())?;
+                let work = |slice: &mut Stage, range: std::ops::Range<u64>| {
+                    let (first_item, items) =
+                        (range.start as u32, (range.end - range.start) as u32);
+                    let params = SegmentParams { first_item, items, ..params };
+                    slice.dispatch(&self.segment, items.into(), &bindings, &params)
+                };
+                stage.gpu.sliced("segment", count, 1 << 12, work, &mut |_| ())?;
             }
         }
         Ok(())
