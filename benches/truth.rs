@@ -121,6 +121,10 @@ fn main() -> anyhow::Result<()> {
     }
     std::fs::create_dir_all(&args.out)?;
     std::fs::write(args.out.join("truth.csv"), csv)?;
+    charts(&args, &rows)
+}
+
+fn charts(args: &Args, rows: &[Row]) -> anyhow::Result<()> {
     for name in &args.scene {
         let rows: Vec<_> = rows.iter().filter(|r| r.scene == *name).collect();
         chart(&args.out.join(format!("{name}.svg")), name, &rows)?;
@@ -150,10 +154,26 @@ fn events_for(gpu: &Gpu, scene: &Scene, volume: &Volume) -> anyhow::Result<u32> 
 
 struct Row {
     scene: String,
-    label: &'static str,
+    label: String,
     size: f64,
     photons: u64,
     rel_mse: f64,
+}
+
+impl Row {
+    fn read(line: &str) -> anyhow::Result<Self> {
+        let cells: Vec<_> = line.split(',').collect();
+        let [scene, label, size, photons, _, rel_mse, ..] = cells[..] else {
+            anyhow::bail!("`{line}` is no row of truth.csv");
+        };
+        Ok(Self {
+            scene: scene.to_owned(),
+            label: label.to_owned(),
+            size: size.parse()?,
+            photons: photons.parse()?,
+            rel_mse: rel_mse.parse()?,
+        })
+    }
 }
 
 /// Error over photons, a line for each estimator and size.
