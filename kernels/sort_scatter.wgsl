@@ -1,12 +1,10 @@
 // Second half of a radix-sort pass: every item to its place. `counts` holds, after
 // the prefix sum, where each block's items of each digit begin.
 
-import package::constants::{GROUP, SORT_BLOCK, RADIX};
+import package::constants::{GROUP, RADIX};
 import package::shared::item::group_index;
-import package::shared::tally::{SortParams, EACH, tally, digit_of};
+import package::shared::tally::{params, keys, tally, run_of, count_digits, digit_of};
 
-@group(0) @binding(8) var<uniform> params: SortParams;
-@group(0) @binding(9) var<storage, read> keys: array<u32>;
 @group(0) @binding(10) var<storage, read> values: array<u32>;
 @group(0) @binding(11) var<storage, read> counts: array<u32>;
 @group(0) @binding(12) var<storage, read_write> sorted_keys: array<u32>;
@@ -19,12 +17,8 @@ fn main(
     @builtin(local_invocation_index) local: u32,
 ) {
     let block = group_index(group, groups);
-    for (var d = 0u; d < RADIX; d++) { tally[d * GROUP + local] = 0u; }
-    let begin = block * SORT_BLOCK + local * EACH;
-    let end = min(begin + EACH, params.count);
-    for (var i = begin; i < end; i++) {
-        tally[digit_of(keys[i], params) * GROUP + local]++;
-    }
+    let run = run_of(block, local);
+    count_digits(run, local);
     workgroupBarrier();
     if local < RADIX && block < params.blocks {
         var running = counts[local * params.blocks + block];
@@ -35,9 +29,9 @@ fn main(
         }
     }
     workgroupBarrier();
-    for (var i = begin; i < end; i++) {
+    for (var i = run.begin; i < run.end; i++) {
         let key = keys[i];
-        let column = digit_of(key, params) * GROUP + local;
+        let column = digit_of(key) * GROUP + local;
         let place = tally[column];
         tally[column] = place + 1u;
         sorted_keys[place] = key;

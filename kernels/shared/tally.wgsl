@@ -15,6 +15,26 @@ const EACH: u32 = SORT_BLOCK / GROUP;
 
 var<workgroup> tally: array<u32, RADIX * GROUP>;
 
-fn digit_of(key: u32, params: SortParams) -> u32 {
+@group(0) @binding(8) var<uniform> params: SortParams;
+@group(0) @binding(9) var<storage, read> keys: array<u32>;
+
+fn digit_of(key: u32) -> u32 {
     return (key >> params.shift) & params.mask;
+}
+
+// The items of one thread of a block.
+struct Run {
+    begin: u32,
+    end: u32,
+}
+
+fn run_of(block: u32, local: u32) -> Run {
+    let begin = block * SORT_BLOCK + local * EACH;
+    return Run(begin, min(begin + EACH, params.count));
+}
+
+// Counts every digit of the block; a barrier must follow.
+fn count_digits(run: Run, local: u32) {
+    for (var d = 0u; d < RADIX; d++) { tally[d * GROUP + local] = 0u; }
+    for (var i = run.begin; i < run.end; i++) { tally[digit_of(keys[i]) * GROUP + local]++; }
 }
