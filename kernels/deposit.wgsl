@@ -1,11 +1,12 @@
 // Fluence, the track-length estimator: each flight adds power times length to every
 // cell of the light field that it crosses, as a rounded integer; or, with sign -1,
-// takes exactly that out again.
+// takes exactly that out again. A work item is an event of a listed photon, of the live
+// slots or of the journal; flights before the photon's task are left alone.
 
 import package::shared::counter::{DEPOSITS, CLAMPED, UNFINISHED, count, expect, cut_short};
 import package::shared::item::item_index;
 import package::shared::light::emit;
-import package::shared::photon::{PhotonParams, identify};
+import package::shared::photon::{PhotonParams, identify, unpack_task};
 import package::shared::scene::frame;
 import package::shared::slot::{EMPTY, slot_kind, slot_of, unpack_power};
 import package::shared::sum64::rounded;
@@ -13,11 +14,13 @@ import package::shared::walk::{line, walk_begin, walk_leave, walk_step};
 import package::constants::GROUP;
 
 @group(0) @binding(8) var<uniform> params: PhotonParams;
-@group(0) @binding(9) var<storage, read> places: array<vec4<u32>>;
-@group(0) @binding(10) var<storage, read> states: array<vec4<u32>>;
-@group(0) @binding(11) var<storage, read_write> red: array<atomic<u32>>;
-@group(0) @binding(12) var<storage, read_write> green: array<atomic<u32>>;
-@group(0) @binding(13) var<storage, read_write> blue: array<atomic<u32>>;
+@group(0) @binding(9) var<storage, read> work: array<u32>;
+@group(0) @binding(10) var<storage, read> tasks: array<u32>;
+@group(0) @binding(11) var<storage, read> places: array<vec4<u32>>;
+@group(0) @binding(12) var<storage, read> states: array<vec4<u32>>;
+@group(0) @binding(13) var<storage, read_write> red: array<atomic<u32>>;
+@group(0) @binding(14) var<storage, read_write> green: array<atomic<u32>>;
+@group(0) @binding(15) var<storage, read_write> blue: array<atomic<u32>>;
 
 fn add_word(channel: u32, word: u32, value: u32) -> u32 {
     switch channel {
@@ -44,16 +47,22 @@ fn main(
 ) {
     let item = item_index(group, groups, local);
     if item >= params.items { return; }
-    let at = params.first_item + item;
+    let event = (params.first_item + item) / params.listed;
+    let listed = (params.first_item + item) % params.listed;
+    let photon = work[params.first_listed + listed];
+    if event < unpack_task(tasks[photon]).touched { return; }
+    let live = params.journal == 0u;
+    let stride = select(params.journal, params.photons, live);
+    let at = event * stride + select(listed, photon, live);
     let state = states[at];
     if slot_kind(state) == EMPTY { return; }
     let slot = slot_of(places[at], state);
 
     var start: vec3<f32>;
-    if at >= params.photons {
-        start = bitcast<vec3<f32>>(places[at - params.photons].xyz);
+    if event > 0u {
+        start = bitcast<vec3<f32>>(places[at - stride].xyz);
     } else {
-        let id = identify(params.first_photon + at);
+        let id = identify(params, photon);
         start = emit(id.light, id.index).position;
     }
     let way = slot.position - start;

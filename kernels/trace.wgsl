@@ -1,7 +1,10 @@
-// Photon tracing. A work item is a photon of the batch and the event from which it is
-// to be traced (photon | event << 24). A full rebuild lists every photon with event 0;
-// an update resumes each at its first invalid slot, from the last valid one. A dispatch
-// traces a window of events, so that no thread runs for long; the next resumes after it.
+// Photon tracing. A work item is a photon of the batch; its task says from which event
+// its power, and from which its flights are found again. A full rebuild lists every
+// photon with both at zero; an update resumes each at its first invalid slot. A dispatch
+// covers a window of events, so that no thread runs for long; the next resumes after it.
+//
+// Photons continue from what their slots hold, packed, so that resumed and full traces
+// see the same numbers; both go through the same lines of this one pipeline.
 
 import package::shared::counter::{
     TENTATIVE, INTERACTIONS, UNFINISHED, count, expect, cut_short
@@ -9,18 +12,19 @@ import package::shared::counter::{
 import package::shared::flight::fly;
 import package::shared::item::item_index;
 import package::shared::photon::{
-    PhotonParams, Departure, identify, depart_from_light, depart_from_slot
+    PhotonParams, Departure, unpack_task, identify, depart_from_light, depart_from_slot
 };
 import package::shared::random::{draw, FOR_FLIGHT};
 import package::shared::slot::{
-    Slot, INTERACTION, EXIT, slot_place, slot_state, slot_of, unpack_direction
+    Slot, EMPTY, INTERACTION, EXIT, slot_place, slot_state, slot_of, unpack_direction
 };
 import package::constants::GROUP;
 
 @group(0) @binding(8) var<uniform> params: PhotonParams;
 @group(0) @binding(9) var<storage, read> work: array<u32>;
-@group(0) @binding(10) var<storage, read_write> places: array<vec4<u32>>;
-@group(0) @binding(11) var<storage, read_write> states: array<vec4<u32>>;
+@group(0) @binding(10) var<storage, read> tasks: array<u32>;
+@group(0) @binding(11) var<storage, read_write> places: array<vec4<u32>>;
+@group(0) @binding(12) var<storage, read_write> states: array<vec4<u32>>;
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -30,48 +34,56 @@ fn main(
 ) {
     let item = item_index(group, groups, local);
     if item >= params.items { return; }
-    let task = work[params.first_item + item];
-    let photon = task & 0xffffffu;
-    var event = max(task >> 24u, params.first_event);
+    let photon = work[params.first_item + item];
+    let task = unpack_task(tasks[photon]);
+    var event = max(task.touched, params.first_event);
     if event >= params.stop_event { return; }
-    let id = identify(params.first_photon + photon);
+    let id = identify(params, photon);
 
-    var photon_state: Departure;
-    if event == 0u {
-        photon_state = depart_from_light(id);
-    } else {
+    var slot: Slot;
+    if event > 0u {
         let before = (event - 1u) * params.photons + photon;
-        let slot = slot_of(places[before], states[before]);
-        photon_state = depart_from_slot(id, event - 1u, slot, params);
-        if slot.kind != INTERACTION { photon_state.power = vec2<u32>(0u); }
+        slot = slot_of(places[before], states[before]);
     }
-
+    var retraced = task.retraced;
     var tentative = 0u;
     var interactions = 0u;
     var over = false;
     loop {
-        over = event >= params.stop_event || all(photon_state.power == vec2<u32>(0u));
+        over = event >= params.stop_event || (event > 0u && slot.kind != INTERACTION);
         if over { break; }
-        let key = draw(id.stream, id.index, event, FOR_FLIGHT).xy;
-        let direction = unpack_direction(photon_state.direction);
-        let flight = fly(photon_state.position, direction, key);
-        tentative += flight.tentative;
-        let slot = Slot(
-            select(EXIT, INTERACTION, flight.collided),
-            photon_state.position + direction * flight.distance,
-            photon_state.direction,
-            photon_state.power,
-            flight.entry,
-            photon_state.history | flight.history
-        );
+        var photon_state: Departure;
+        if event == 0u {
+            photon_state = depart_from_light(id);
+        } else {
+            photon_state = depart_from_slot(id, event - 1u, slot, params);
+        }
+        over = all(photon_state.power == vec2<u32>(0u));
+        if over { break; }
         let at = event * params.photons + photon;
+        slot = slot_of(places[at], states[at]);
+        // What ended before and goes on now was never flown.
+        if slot.kind == EMPTY { retraced = min(retraced, event); }
+        if event < retraced {
+            slot.power = photon_state.power;
+        } else {
+            let key = draw(id.stream, id.index, event, FOR_FLIGHT).xy;
+            let direction = unpack_direction(photon_state.direction);
+            let flight = fly(photon_state.position, direction, key);
+            tentative += flight.tentative;
+            slot = Slot(
+                select(EXIT, INTERACTION, flight.collided),
+                photon_state.position + direction * flight.distance,
+                photon_state.direction,
+                photon_state.power,
+                flight.entry,
+                photon_state.history | flight.history
+            );
+        }
         places[at] = slot_place(slot);
         states[at] = slot_state(slot);
+        interactions += u32(slot.kind == INTERACTION);
         event++;
-        over = !flight.collided;
-        if over { break; }
-        interactions++;
-        photon_state = depart_from_slot(id, event - 1u, slot, params);
     }
     // Beyond a photon's end every slot is zero, so that equal photons are equal bits.
     expect(over);

@@ -1,16 +1,20 @@
 //! The `fluence` light field: every flight's power times length, summed on a grid.
 //!
 //! Sums are 64-bit integers, so they have no order, and what was added can be taken out
-//! with nothing left over. A resolve pass turns them into mean fluence for each cell.
+//! with nothing left over. A resolve pass turns them into mean fluence for each cell, in
+//! the one of two textures that does not hold what was there before, and marks the cells
+//! that differ.
 
+use std::ops::Range;
 use std::sync::Arc;
 
+use crate::dirty::Dirty;
 use crate::error::{Error, Result};
 use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
-use crate::gpu::run::Bindings;
+use crate::gpu::run::{Bindings, Stage};
 use crate::photon::{CounterBuffer, PhotonMap, PhotonParams};
 use crate::render::{CONTRIBUTION, Progress};
 use crate::scene::Settings;
@@ -22,6 +26,10 @@ shared_struct! {
         pub grid: [u32; 3],
         /// Fluence for each unit of a sum.
         pub per_sum: f32,
+        /// Edge of a cell, mm.
+        pub edge: [f32; 3],
+        /// Keeps the size a multiple of 16.
+        pub pad: u32,
     }
 }
 
@@ -41,11 +49,29 @@ pub struct Fluence {
     pub grid: [u32; 3],
     scale: f32,
     per_sum: f32,
+    edge: [f32; 3],
+    /// Whether the sums are those of the slots; else all is summed again.
+    pub current: bool,
     sums: [wgpu::Buffer; 3],
     field: wgpu::Buffer,
+    before: wgpu::TextureView,
     view: wgpu::TextureView,
     deposit: Arc<Kernel>,
     resolve: Arc<Kernel>,
+}
+
+fn texture(gpu: &Gpu, grid: [u32; 3]) -> wgpu::Texture {
+    let [width, height, depth_or_array_layers] = grid;
+    gpu.device().create_texture(&wgpu::TextureDescriptor {
+        label: Some("fluence"),
+        size: wgpu::Extent3d { width, height, depth_or_array_layers },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D3,
+        format: wgpu::TextureFormat::Rgba32Float,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING,
+        view_formats: &[],
+    })
 }
 
 impl Fluence {
@@ -73,32 +99,23 @@ impl Fluence {
         })?;
         let extent = scene.frame.extent;
         let edge: [f64; 3] = std::array::from_fn(|i| f64::from(extent[i]) / f64::from(grid[i]));
-        let typical = settings.flux_unit.unwrap_or(1.0) / f64::from(scene.lights.photons.max(1))
+        let typical = settings.flux_unit.unwrap_or(1.0) / settings.photons as f64
             * edge.iter().copied().fold(f64::INFINITY, f64::min);
         let scale = CONTRIBUTION / typical;
-        let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
-            label: Some("fluence"),
-            size: wgpu::Extent3d {
-                width: grid[0],
-                height: grid[1],
-                depth_or_array_layers: grid[2],
-            },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D3,
-            format: wgpu::TextureFormat::Rgba32Float,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING,
-            view_formats: &[],
-        });
+        let textures = [texture(gpu, grid), texture(gpu, grid)];
         gpu.check("fluence grid")?;
+        let [before, view] = textures.map(|t| t.create_view(&Default::default()));
         let sum = || gpu.buffer::<u64>("fluence sums", cells as usize);
         Ok(Self {
             grid,
             scale: scale as f32,
             per_sum: (1.0 / (scale * edge.iter().product::<f64>())) as f32,
+            edge: edge.map(|e| e as f32),
+            current: false,
             sums: [sum()?, sum()?, sum()?],
             field: gpu.upload("fluence field", &[FluenceParams { grid, pad: 0 }])?,
-            view: texture.create_view(&Default::default()),
+            before,
+            view,
             deposit: gpu.kernel("deposit", &[])?,
             resolve: gpu.kernel("resolve", &[])?,
         })
@@ -108,44 +125,71 @@ impl Fluence {
     ///
     /// # Errors
     /// The device failed.
-    pub fn build(
-        &self,
+    pub fn sum_all(
+        &mut self,
         gpu: &Gpu,
         scene: &DeviceScene,
-        map: &PhotonMap,
+        map: &mut PhotonMap,
         counters: &CounterBuffer,
         progress: &mut Progress,
     ) -> Result<()> {
         let mut stage = gpu.stage("deposit");
         self.sums.iter().for_each(|sum| stage.clear(sum));
         stage.finish()?;
-        for batch in &map.batches {
-            let mut bindings = [scene.bindings(), batch.bindings(), self.sum_bindings()].concat();
-            bindings.push(("counters", counters.buffer().into()));
-            let slots = u64::from(batch.photons) * u64::from(map.max_events);
-            gpu.sliced(
-                "deposit",
-                slots,
-                1 << 14,
-                |stage, range| {
-                    let params = PhotonParams {
-                        first_item: range.start as u32,
-                        items: (range.end - range.start) as u32,
-                        scale: self.scale,
-                        grid: self.grid,
-                        ..map.params(batch)
-                    };
-                    stage.dispatch(&self.deposit, range.end - range.start, &bindings, &params)
-                },
-                &mut |n| progress.at("deposit", n, slots),
-            )?;
+        for batch in &mut map.batches {
+            batch.list_all(gpu, None)?;
         }
-        counters.read(gpu)?.all_finished("deposit", "lower `grid`")?;
+        for batch in &map.batches {
+            let bindings = batch.bindings();
+            self.deposit(gpu, scene, (map.params(batch), bindings), counters, progress)?;
+        }
+        self.current = true;
+        Ok(())
+    }
+
+    /// Adds the flights of the listed photons, or takes them out, as the parameters say:
+    /// of the live slots or of the journal, from each photon's task on.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn deposit(
+        &self,
+        gpu: &Gpu,
+        scene: &DeviceScene,
+        (params, slots): (PhotonParams, Bindings),
+        counters: &CounterBuffer,
+        progress: &mut Progress,
+    ) -> Result<()> {
+        let mut bindings = [scene.bindings(), slots, self.sum_bindings()].concat();
+        bindings.push(("counters", counters.buffer().into()));
+        let total = u64::from(params.listed) * u64::from(params.max_events);
+        let work = |stage: &mut Stage, range: Range<u64>| {
+            let items = range.end - range.start;
+            let params = PhotonParams {
+                first_item: range.start as u32,
+                items: items as u32,
+                scale: self.scale,
+                grid: self.grid,
+                ..params
+            };
+            stage.dispatch(&self.deposit, items, &bindings, &params)
+        };
+        gpu.sliced("deposit", total, 1 << 14, work, &mut |n| progress.at("deposit", n, total))?;
+        counters.read(gpu)?.all_finished("deposit", "lower `grid`")
+    }
+
+    /// Turns sums into fluence, and marks the cells that differ from before.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn resolve(&mut self, gpu: &Gpu, dirty: &Dirty) -> Result<()> {
+        std::mem::swap(&mut self.before, &mut self.view);
         let mut stage = gpu.stage("resolve");
         let cells = self.grid.iter().map(|&n| u64::from(n)).product();
-        let params = ResolveParams { grid: self.grid, per_sum: self.per_sum };
-        let mut bindings = self.sum_bindings();
-        bindings.push(("fluence", (&self.view).into()));
+        let (grid, per_sum, edge) = (self.grid, self.per_sum, self.edge);
+        let mut bindings = [self.sum_bindings(), dirty.bindings()].concat();
+        bindings.extend([("before", (&self.before).into()), ("fluence", (&self.view).into())]);
+        let params = ResolveParams { grid, per_sum, edge, pad: 0 };
         stage.dispatch(&self.resolve, cells, &bindings, &params)?;
         stage.finish()
     }
@@ -167,8 +211,8 @@ impl Fluence {
 
     /// Bytes of the sums and of the resolved field.
     pub fn bytes(&self) -> u64 {
-        // The field has 16 bytes a cell, the sums 8 a channel.
-        self.sums.iter().map(wgpu::Buffer::size).sum::<u64>() + self.sums[0].size() * 2
+        // Both textures have 16 bytes a cell, the sums 8 a channel.
+        self.sums.iter().map(wgpu::Buffer::size).sum::<u64>() + self.sums[0].size() * 4
     }
 
     fn sum_bindings(&self) -> Bindings<'_> {

@@ -7,6 +7,7 @@ use crate::gpu::Gpu;
 use crate::gpu::layout::shared_struct;
 use crate::gpu::run::Bindings;
 use crate::light::{Lights, hash};
+use crate::query::Query;
 use crate::scene::{Filter, Scene};
 use crate::transfer::{Bins, TABLE_ENTRIES, Table};
 use crate::volume::cells::{CELL_EDGE, MacroCells};
@@ -14,6 +15,9 @@ use crate::volume::{Volume, Voxels};
 
 /// Layers of a flight's marks: octaves below the majorant.
 pub const LAYERS: u32 = 8;
+
+/// Classes of marks that photon histories tell apart, in as many of their 64 bits.
+pub const MARK_CLASSES: u32 = 4;
 
 shared_struct! {
     /// What every kernel may look at; lengths in mm along the volume's axes.
@@ -40,8 +44,10 @@ shared_struct! {
         pub step: f32,
         /// Bins with any extinction or emission.
         pub visible_bins: [u32; 2],
+        /// Classes of marks in a photon's history (see [`Bins`]).
+        pub mark_classes: u32,
         /// Keeps the size a multiple of 16.
-        pub pad: [u32; 2],
+        pub pad: u32,
     }
 }
 
@@ -52,6 +58,8 @@ shared_struct! {
         pub extinction: f32,
         /// Historygram bin, 0 to 63.
         pub bin: u32,
+        /// What the edit in progress changes, `CHANGE_` bits of [`crate::query`].
+        pub changes: u32,
     }
 }
 
@@ -63,10 +71,13 @@ pub struct DeviceScene {
     pub local_from_world: DAffine3,
     /// The transfer function.
     pub table: Table,
+    /// How table entries map to bits of histories.
+    pub bins: Bins,
     /// The lights.
     pub lights: Lights,
     /// What blocks of voxels can look like.
     pub cells: MacroCells,
+    range: [f64; 2],
     nearest: bool,
     float_voxels: bool,
     skip: bool,
@@ -93,7 +104,7 @@ impl DeviceScene {
             .majorant
             .ok_or_else(|| Error::setting("the scene has no majorant: settle it first"))?;
         let table = Table::build(&scene.materials, volume.range(), Some(majorant));
-        let bins = Bins::uniform();
+        let bins = Bins::uniform(MARK_CLASSES);
         let cells = MacroCells::of(volume);
         let local_from_world = volume.local_from_world();
         let lights = Lights::of(scene, &local_from_world)?;
@@ -111,31 +122,22 @@ impl DeviceScene {
             cell_mm: (spacing * CELL_EDGE as f32).to_array(),
             step: spacing.min_element() * settings.step as f32,
             visible_bins: words(table.opaque_mask(&bins)),
-            pad: [0; 2],
+            mark_classes: bins.mark_classes,
+            pad: 0,
         };
-        let optics: Vec<_> = (0..TABLE_ENTRIES)
-            .map(|e| Optics { extinction: table.extinction[e], bin: bins.bin_of_entry[e] })
-            .collect();
-        let scattering: Vec<_> = (0..TABLE_ENTRIES)
-            .map(|e| {
-                let [r, g, b] = table.albedo(e);
-                [r, g, b, table.phase_g[e]]
-            })
-            .collect();
-        let emission: Vec<_> = table.emission.iter().map(|&[r, g, b]| [r, g, b, 0.0]).collect();
-        let greatest = cells.majorants(&table, 0.0);
-        let levels: Vec<_> = greatest.iter().map(|&g| first_layer(g, frame.majorant)).collect();
+        let columns = Columns::of(&table, &bins, &cells, &frame, &Query::default());
         let (volume_view, volume_bytes) = upload_volume(gpu, volume)?;
         Ok(Self {
             frame_buffer: gpu.upload("frame", &[frame])?,
-            optics: gpu.upload("optics", &optics)?,
-            scattering: gpu.upload("scattering", &scattering)?,
-            emission: gpu.upload("emission", &emission)?,
+            optics: gpu.upload("optics", &columns.optics)?,
+            scattering: gpu.upload("scattering", &columns.scattering)?,
+            emission: gpu.upload("emission", &columns.emission)?,
             cell_masks: gpu.upload("cell masks", &cells.masks(&bins))?,
-            cell_levels: gpu.upload("cell levels", &levels)?,
+            cell_levels: gpu.upload("cell levels", &columns.levels)?,
             lights_buffer: gpu.upload("lights", &[lights])?,
             volume: volume_view,
             volume_bytes,
+            range: volume.range(),
             nearest: scene.filter == Filter::Nearest,
             float_voxels: matches!(volume.voxels(), Voxels::F32(_)),
             skip: settings.skip_empty,
@@ -143,9 +145,34 @@ impl DeviceScene {
             frame,
             local_from_world,
             table,
+            bins,
             lights,
             cells,
         })
+    }
+
+    /// The table of an edited scene, over the same values.
+    pub fn table_of(&self, scene: &Scene) -> Table {
+        Table::build(&scene.materials, self.range, scene.settings.majorant)
+    }
+
+    /// Takes another table and other lights. `query` says what that changes, and what
+    /// edits before it changed that are not yet applied.
+    pub fn edit(&mut self, gpu: &Gpu, table: Table, lights: Lights, query: &Query) {
+        self.frame.visible_bins = words(table.opaque_mask(&self.bins));
+        let columns = Columns::of(&table, &self.bins, &self.cells, &self.frame, query);
+        gpu.write(&self.frame_buffer, &[self.frame]);
+        gpu.write(&self.optics, &columns.optics);
+        gpu.write(&self.scattering, &columns.scattering);
+        gpu.write(&self.emission, &columns.emission);
+        gpu.write(&self.cell_levels, &columns.levels);
+        gpu.write(&self.lights_buffer, &[lights]);
+        (self.table, self.lights) = (table, lights);
+    }
+
+    /// Whether kernels compiled for this scene also suit another table.
+    pub fn suits(&self, table: &Table) -> bool {
+        specialisation(&self.table) == specialisation(table)
     }
 
     /// The scene's resources, by the names that the kernels give them.
@@ -164,13 +191,14 @@ impl DeviceScene {
 
     /// The flags of a kernel that this scene sets, among those that it knows.
     pub fn flags(&self, known: &[&'static str]) -> Vec<&'static str> {
+        let [anisotropic, emission] = specialisation(&self.table);
         let all = [
             ("nearest", self.nearest),
             ("float_voxels", self.float_voxels),
             ("skip", self.skip),
             ("history", self.history),
-            ("anisotropic", !self.table.is_isotropic()),
-            ("emission", self.table.emission.iter().any(|e| *e != [0.0; 3])),
+            ("anisotropic", anisotropic),
+            ("emission", emission),
         ];
         all.iter().filter(|(flag, on)| *on && known.contains(flag)).map(|(flag, _)| *flag).collect()
     }
@@ -181,7 +209,42 @@ impl DeviceScene {
     }
 }
 
-fn words(mask: u64) -> [u32; 2] {
+/// What kernels are specialised for: any anisotropic scattering, any emission.
+fn specialisation(table: &Table) -> [bool; 2] {
+    [!table.is_isotropic(), table.emission.iter().any(|e| *e != [0.0; 3])]
+}
+
+/// The table and what follows from it, as the kernels see it.
+struct Columns {
+    optics: Vec<Optics>,
+    scattering: Vec<[f32; 4]>,
+    emission: Vec<[f32; 4]>,
+    levels: Vec<u32>,
+}
+
+impl Columns {
+    fn of(table: &Table, bins: &Bins, cells: &MacroCells, frame: &Frame, query: &Query) -> Self {
+        let optics = |e: usize| Optics {
+            extinction: table.extinction[e],
+            bin: bins.bin_of_entry[e],
+            changes: query.changes[e],
+        };
+        let scattering = |e: usize| {
+            let [r, g, b] = table.albedo(e);
+            [r, g, b, table.phase_g[e]]
+        };
+        let greatest = cells.majorants(table, 0.0);
+        Self {
+            optics: (0..TABLE_ENTRIES).map(optics).collect(),
+            scattering: (0..TABLE_ENTRIES).map(scattering).collect(),
+            emission: table.emission.iter().map(|&[r, g, b]| [r, g, b, 0.0]).collect(),
+            levels: greatest.iter().map(|&g| first_layer(g, frame.majorant)).collect(),
+        }
+    }
+}
+
+/// The two words that a kernel sees of a history mask.
+pub(crate) fn words(mask: u64) -> [u32; 2] {
     [mask as u32, (mask >> 32) as u32]
 }
 

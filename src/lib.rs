@@ -8,21 +8,26 @@
 //! tracer that everything is judged by, with [`metrics`].
 
 pub mod demo;
+pub mod dirty;
 pub mod error;
 pub mod film;
 pub mod fluence;
 pub mod frame;
 pub mod gpu;
 pub mod light;
+pub mod measure;
 pub mod metrics;
 pub mod photon;
 pub mod points;
 pub mod probe;
+pub mod query;
 pub mod reference;
 pub mod render;
 pub mod scene;
 pub mod segment;
 pub mod transfer;
+pub mod update;
 pub mod volume;
+pub mod work;
 
 pub use error::{Error, Result};

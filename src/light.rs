@@ -31,8 +31,8 @@ shared_struct! {
         pub stream: u32,
         /// Direction of travel, or a rectangle's normal.
         pub direction: [f32; 3],
-        /// Number of its first photon.
-        pub first: u32,
+        /// Keeps the layout.
+        pub pad: u32,
         /// Edge of a rectangle.
         pub edge_u: [f32; 3],
         /// Its quota of photons.
@@ -76,7 +76,6 @@ impl Lights {
         let mut first = 0;
         for (light, record) in scene.lights.iter().zip(&mut lights.all) {
             let quota = (scene.settings.photons as f64 * light.share).round().max(1.0) as u64;
-            record.first = first as u32;
             record.photons = quota as u32;
             first += quota;
             record.stream = hash(scene.settings.seed ^ hash_wide(u64::from(light.id) + 1));

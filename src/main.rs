@@ -11,6 +11,7 @@ use comfy_table::{CellAlignment, Table, presets};
 use photogram::demo;
 use photogram::film::{self, Format, Notes};
 use photogram::gpu::{self, AdapterChoice, Gpu};
+use photogram::measure::{self, Measured};
 use photogram::render::{Progress, Rendered, Report, Split, render};
 use photogram::scene::{Estimator, Method, Scale, Scene, VolumeSource, Weighting};
 use photogram::transfer;
@@ -41,6 +42,8 @@ enum Command {
     },
     /// Renders a scene to .exr (linear) or .png
     Render(Box<RenderArgs>),
+    /// Applies named edits in order, each as an update and as a full rebuild
+    Edit(Box<EditArgs>),
     /// Describes a volume, or lists the adapters
     Info {
         /// .nrrd, .nii or .nii.gz
@@ -68,11 +71,30 @@ enum Command {
 
 #[derive(Args)]
 struct RenderArgs {
-    /// Scene file, .toml
-    scene: PathBuf,
+    #[command(flatten)]
+    scene: SceneArgs,
     /// Output image, .exr or .png
     #[arg(short, long)]
     out: PathBuf,
+}
+
+#[derive(Args)]
+struct EditArgs {
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// The image after the last edit, one ray a pixel, .exr or .png
+    #[arg(short, long)]
+    out: Option<PathBuf>,
+    /// Compares with a rebuild, slot by slot; `fresh`: the last image also with that of
+    /// another process, which is given the final scene and nothing else
+    #[arg(long, value_name = "fresh", num_args = 0..=1, default_missing_value = "process", value_parser = ["process", "fresh"])]
+    verify: Option<String>,
+}
+
+#[derive(Args)]
+struct SceneArgs {
+    /// Scene file, .toml
+    scene: PathBuf,
     /// Puts another volume in the scene
     #[arg(long)]
     volume: Option<PathBuf>,
@@ -158,6 +180,7 @@ fn run(cli: &Cli) -> Result<()> {
     match &cli.command {
         Command::Demo { out, json } => run_demo(&adapter, out, json.as_deref()),
         Command::Render(args) => run_render(&adapter, args),
+        Command::Edit(args) => run_edit(&adapter, args),
         Command::Info { volume, adapters, json } => {
             check_places(&[json.as_deref()])?;
             if *adapters {
@@ -176,8 +199,8 @@ fn run(cli: &Cli) -> Result<()> {
     }
 }
 
-/// The scene of a render command, its settings overridden, with its volume.
-fn prepare(args: &RenderArgs) -> Result<(Scene, Volume)> {
+/// The scene of a command, its settings overridden and settled, with its volume.
+fn prepare(args: &SceneArgs) -> Result<(Scene, Volume)> {
     let mut scene = Scene::load(&args.scene)?;
     if let Some(path) = &args.volume {
         scene.volume = VolumeSource::File(path.clone());
@@ -204,17 +227,18 @@ fn prepare(args: &RenderArgs) -> Result<(Scene, Volume)> {
     scene.check()?;
     let volume = scene.volume.load()?;
     scene.settle(&volume);
-    for edit in &args.edit {
-        scene = scene.edited(edit)?;
-    }
     Ok((scene, volume))
 }
 
 fn run_render(adapter: &AdapterChoice, args: &RenderArgs) -> Result<()> {
     let format = Format::of(&args.out)?;
-    ensure!(args.json.as_ref() != Some(&args.out), "--json and -o name the same file");
-    check_places(&[Some(&args.out), args.json.as_deref()])?;
-    let (scene, volume) = prepare(args)?;
+    let json = args.scene.json.as_deref();
+    ensure!(json != Some(&args.out), "--json and -o name the same file");
+    check_places(&[Some(&args.out), json])?;
+    let (mut scene, volume) = prepare(&args.scene)?;
+    for edit in &args.scene.edit {
+        scene = scene.edited(edit)?;
+    }
     scene.check_against(&volume)?;
     let gpu = Gpu::open(adapter)?;
     let rendered =
@@ -228,7 +252,143 @@ fn run_render(adapter: &AdapterChoice, args: &RenderArgs) -> Result<()> {
         _ => rendered.image.write(&args.out, scene.film, &notes)?,
     }
     say(format_args!("{}{}", summary(&rendered), args.out.display()))?;
-    args.json.as_deref().map_or(Ok(()), |path| write_json(path, &rendered.report))
+    json.map_or(Ok(()), |path| write_json(path, &rendered.report))
+}
+
+fn run_edit(adapter: &AdapterChoice, args: &EditArgs) -> Result<()> {
+    let json = args.scene.json.as_deref();
+    let format = args.out.as_deref().map(Format::of).transpose()?;
+    ensure!(json.is_none() || json != args.out.as_deref(), "--json and -o name the same file");
+    check_places(&[args.out.as_deref(), json])?;
+    let (mut scene, volume) = prepare(&args.scene)?;
+    ensure!(scene.settings.method == Method::PhotonMap, "edits are updates of the photon map");
+    ensure!(!args.scene.edit.is_empty(), "no edit is named: add --edit NAME, once for each");
+    scene.settings.rays = 1;
+    scene.check_against(&volume)?;
+    let gpu = Gpu::open(adapter)?;
+    let mut frame = with_progress(|progress| {
+        let mut frame = measure::fresh(&gpu, &scene, &volume)?;
+        frame.rebuild(&gpu, &Split::default(), progress)?;
+        Ok(frame)
+    })?;
+    let mut done = Vec::new();
+    for name in &args.scene.edit {
+        scene = scene.edited(name)?;
+        let measured = with_progress(|progress| {
+            measure::measure(&gpu, &mut frame, &scene, &volume, args.verify.is_some(), progress)
+        })?;
+        done.push((name.as_str(), measured));
+    }
+    let image = frame.segments.image(&gpu)?;
+    if let Some((out, format)) = args.out.as_deref().zip(format) {
+        let notes = Notes { scene: scene.to_toml(), ..Default::default() };
+        make_folder(out)?;
+        match format {
+            Format::Exr => image.write_exr(out, &[], &notes)?,
+            Format::Png => image.write(out, scene.film, &notes)?,
+        }
+    }
+    let clock = if gpu.has_timestamps() { "device timestamps" } else { "host clock" };
+    say(format_args!(
+        "adapter {}, stage times by {clock}; {}\n{}",
+        gpu.report().name,
+        frame.estimator,
+        edit_table(&done)
+    ))?;
+    let rows: Vec<_> = done.iter().map(|(name, m)| edit_json(name, m)).collect();
+    json.map_or(Ok(()), |path| write_json(path, &rows))?;
+    let wrong = done.iter().filter_map(|(_, m)| m.mismatches).any(|m| m != Default::default());
+    ensure!(!wrong, "an update differs from a rebuild: this is a bug, please report it");
+    if args.verify.as_deref() == Some("fresh") {
+        let differing = verify_fresh(&scene, &image, &gpu)?;
+        say(format_args!("another process, given the final scene: {differing} pixels differ"))?;
+        ensure!(differing == 0, "the update differs from another process: this is a bug");
+    }
+    Ok(())
+}
+
+/// Renders the final scene in another process; returns how many pixels differ.
+fn verify_fresh(scene: &Scene, image: &film::Image, gpu: &Gpu) -> Result<u64> {
+    let folder = std::env::temp_dir().join(format!("photogram-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).map_err(|e| failed(&folder, "make", e))?;
+    let (file, out) = (folder.join("final.toml"), folder.join("final.exr"));
+    std::fs::write(&file, scene.to_toml()).map_err(|e| failed(&file, "write", e))?;
+    let adapter = gpu.report().index.to_string();
+    let exe = std::env::current_exe().map_err(|e| failed(Path::new("this program"), "find", e))?;
+    let run = std::process::Command::new(&exe)
+        .args(["--adapter", &adapter, "render"])
+        .arg(&file)
+        .arg("-o")
+        .arg(&out)
+        .output()
+        .map_err(|e| failed(&exe, "start", e))?;
+    let said = String::from_utf8_lossy(&run.stderr);
+    ensure!(run.status.success(), "the other process failed: {said}");
+    let other = film::Image::read_exr(&out)?;
+    std::fs::remove_dir_all(&folder).map_err(|e| failed(&folder, "remove", e))?;
+    Ok(measure::differing_pixels(image, &other))
+}
+
+fn percent(part: u64, whole: u64) -> f64 {
+    100.0 * part as f64 / whole.max(1) as f64
+}
+
+fn edit_table(done: &[(&str, Measured)]) -> Table {
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING).set_header([
+        "edit",
+        "retraced %",
+        "reweighed %",
+        "changed %",
+        "segments %",
+        "full ms",
+        "incremental ms",
+        "speed-up",
+        "mismatches",
+    ]);
+    for (name, m) in done {
+        let (u, c) = (&m.updated, &m.updated.counts);
+        let mismatches = m.mismatches.map(|m| {
+            m.photon_mismatches + m.field_mismatches + m.segment_mismatches + m.pixel_mismatches
+        });
+        table.add_row([
+            (*name).to_owned(),
+            format!("{:.1}", percent(c.invalid, u.photons)),
+            format!("{:.1}", percent(c.reweighed, u.photons)),
+            format!("{:.1}", percent(c.changed, u.photons)),
+            format!("{:.1}", percent(u.recomputed, u.segments)),
+            format!("{:.1}", m.full.total),
+            format!("{:.1}", m.incremental.total),
+            format!("{:.2}", m.full.total / m.incremental.total),
+            mismatches.map_or("-".to_owned(), |n| n.to_string()),
+        ]);
+    }
+    align_right(&mut table);
+    table
+}
+
+fn edit_json(name: &str, m: &Measured) -> serde_json::Value {
+    let (u, c) = (&m.updated, &m.updated.counts);
+    serde_json::json!({
+        "edit": name,
+        "scope": m.scope,
+        "photons": {
+            "total": u.photons,
+            "invalid": c.invalid,
+            "changed": c.changed,
+            "reweighed": c.reweighed,
+            "retraced_percent": percent(c.invalid, u.photons),
+        },
+        "segments": {
+            "total": u.segments,
+            "recomputed": u.recomputed,
+            "recomputed_percent": percent(u.recomputed, u.segments),
+        },
+        "visits": { "full": m.full_visits, "incremental": c.visits() },
+        "time_ms": { "full": m.full, "incremental": m.incremental },
+        "speedup": m.full.total / m.incremental.total,
+        "verify": m.mismatches,
+    })
 }
 
 fn run_demo(adapter: &AdapterChoice, out: &Path, json: Option<&Path>) -> Result<()> {

@@ -1,19 +1,28 @@
 //! The photon map: slots of an implicit linked list, filled by tracing.
 //!
 //! Event k of photon p lives at slot `k * photons + p` of its batch, in two arrays of
-//! 16 bytes. Tracing works over a list of photons, each with the event from which it is
-//! to be traced; a full rebuild lists all of them from event 0.
+//! 16 bytes. A batch belongs to one light, so that an edit of a light leaves the photons
+//! of the others where they are. Tracing works over a list of photons; each one's task
+//! says from which event its power, and from which its flights are found again. A full
+//! rebuild lists all of them, from event 0.
+//!
+//! An update lists the photons that a query meets, keeps their old slots in a journal of
+//! fixed size, part of the list after part, and hands on what tracing again has changed.
 
+use std::ops::Range;
 use std::sync::Arc;
 
+use crate::dirty::Dirty;
 use crate::error::{Error, Result};
-use crate::frame::DeviceScene;
+use crate::frame::{DeviceScene, words};
 use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
 use crate::gpu::run::Bindings;
+use crate::light::Lights;
 use crate::render::{Progress, Split};
 use crate::scene::Settings;
+use crate::work::{WorkList, fill};
 
 /// Bytes of a photon slot.
 pub const SLOT_BYTES: u64 = 32;
@@ -21,38 +30,57 @@ pub const SLOT_BYTES: u64 = 32;
 /// Events that one dispatch traces: few, so that no thread runs for long.
 const EVENTS_AT_ONCE: u32 = 4;
 
-/// Photons in a batch: a work item keeps the event in its upper eight bits.
-const MAX_BATCH: u64 = 1 << 24;
+/// Slots of the journal, at most: 64 MiB.
+const JOURNAL_SLOTS: u32 = 1 << 21;
+
+/// A state that was never computed: empty, with a history of all ones.
+const NEVER: [u32; 4] = [0, 0, u32::MAX, u32::MAX];
 
 shared_struct! {
     /// What the kernels that work on photons are told.
     pub struct PhotonParams {
-        /// Number of the batch's first photon.
-        pub first_photon: u32,
+        /// Which light the batch belongs to.
+        pub light: u32,
+        /// The light's photon that is the batch's first.
+        pub first_index: u32,
         /// Photons in the batch.
         pub photons: u32,
+        /// Slots of a photon.
+        pub max_events: u32,
         /// First item of this dispatch.
         pub first_item: u32,
         /// Items of this dispatch.
         pub items: u32,
-        /// Slots of a photon.
-        pub max_events: u32,
+        /// First of the part of the work list that is worked on.
+        pub first_listed: u32,
+        /// Photons in that part.
+        pub listed: u32,
         /// First event after which the roulette runs.
         pub roulette_from: u32,
         /// Probability to survive it.
         pub roulette_survival: f32,
         /// Scale of the integer sums.
         pub scale: f32,
-        /// Cells of the fluence grid.
-        pub grid: [u32; 3],
         /// 1 adds to the light field, -1 takes out.
         pub sign: i32,
+        /// Cells of the fluence grid.
+        pub grid: [u32; 3],
+        /// Photons that the journal holds, or 0 where the slots are the live ones.
+        pub journal: u32,
+        /// Bins where a flight may be stopped that was not.
+        pub risen: [u32; 2],
         /// First event of the window that a dispatch traces.
         pub first_event: u32,
         /// The event before which it stops.
         pub stop_event: u32,
+        /// 1 where the light's power changed.
+        pub relit: u32,
         /// Keeps the size a multiple of 16.
-        pub pad: [u32; 2],
+        pub pad0: u32,
+        /// The same.
+        pub pad1: u32,
+        /// The same.
+        pub pad2: u32,
     }
 }
 
@@ -71,14 +99,28 @@ pub struct Counters {
     pub gathered: u64,
     /// March samples of view rays.
     pub samples: u64,
+    /// Blocks that view rays looked for changed light in.
+    pub checked: u64,
+    /// Photons with a flight to be traced again.
+    pub invalid: u64,
+    /// Photons with a slot whose power alone is found again.
+    pub reweighed: u64,
+    /// Photons that tracing or weighing again has changed.
+    pub changed: u64,
     /// Items whose loops the driver ended; nothing is returned unless it is 0.
     #[serde(skip)]
     pub unfinished: u64,
 }
 
-const COUNTERS: usize = 7;
+const COUNTERS: usize = 11;
 
 impl Counters {
+    /// March steps, tentative collisions, gather tests and deposits: what the work is
+    /// in proportion to.
+    pub fn visits(&self) -> u64 {
+        self.tentative + self.samples + self.gathered + self.deposits
+    }
+
     /// Fails where the driver ended a loop before its time.
     ///
     /// # Errors
@@ -129,6 +171,10 @@ impl CounterBuffer {
             c.deposits,
             c.gathered,
             c.samples,
+            c.checked,
+            c.invalid,
+            c.reweighed,
+            c.changed,
             c.unfinished,
         ];
         gpu.write(&self.0, &words);
@@ -147,74 +193,140 @@ impl CounterBuffer {
             deposits: c[3],
             gathered: c[4],
             samples: c[5],
-            unfinished: c[6],
+            checked: c[6],
+            invalid: c[7],
+            reweighed: c[8],
+            changed: c[9],
+            unfinished: c[10],
         })
     }
 }
 
-/// A share of the photons that fits one binding.
+/// Photons of one light that fit one binding.
 pub struct Batch {
-    /// Number of its first photon.
-    pub first: u32,
+    /// The light's stable id.
+    pub light_id: u32,
+    /// The light's place in the scene.
+    pub light: u32,
+    /// The light's photon that is the first here.
+    pub first_index: u32,
     /// How many.
     pub photons: u32,
     /// Position and direction of each slot.
     pub places: wgpu::Buffer,
     /// Power, entry, kind and history of each slot.
     pub states: wgpu::Buffer,
+    /// What is to be done with each photon.
+    pub tasks: wgpu::Buffer,
+    /// The photons to work on.
+    pub list: WorkList,
+    /// The light's power changed, and an update has not finished since.
+    pub relit: bool,
+    /// Slots changed that the light field does not know of yet.
+    pub stale: bool,
 }
 
 impl Batch {
+    fn new(gpu: &Gpu, id: u32, first_index: u32, photons: u32, max_events: u32) -> Result<Self> {
+        let slots = photons as usize * max_events as usize;
+        let batch = Self {
+            light_id: id,
+            light: 0,
+            first_index,
+            photons,
+            places: gpu.buffer::<[u32; 4]>("photon places", slots)?,
+            states: gpu.buffer::<[u32; 4]>("photon states", slots)?,
+            tasks: gpu.buffer::<u32>("photon tasks", photons as usize)?,
+            list: WorkList::new(gpu, photons)?,
+            relit: false,
+            stale: true,
+        };
+        batch.forget(gpu)?;
+        Ok(batch)
+    }
+
     /// Its resources, by the names that the kernels give them.
     pub fn bindings(&self) -> Bindings<'_> {
-        vec![("places", (&self.places).into()), ("states", (&self.states).into())]
+        vec![
+            ("places", (&self.places).into()),
+            ("states", (&self.states).into()),
+            ("tasks", (&self.tasks).into()),
+            ("work", (&self.list.items).into()),
+            ("marks", (&self.list.marks).into()),
+        ]
+    }
+
+    /// Marks every slot as never computed.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn forget(&self, gpu: &Gpu) -> Result<()> {
+        fill(gpu, "forget", &self.places, &[0])?;
+        fill(gpu, "forget", &self.states, &NEVER)
+    }
+
+    /// Lists every photon, with a task from event 0.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn list_all(&mut self, gpu: &Gpu, shuffle: Option<u64>) -> Result<()> {
+        self.list.fill(gpu, shuffle);
+        let mut stage = gpu.stage("list");
+        stage.clear(&self.tasks);
+        stage.finish()
     }
 }
 
 /// All photons, in batches.
 pub struct PhotonMap {
-    /// The batches, in the order of their photons.
+    /// The batches, in the order of the scene's lights.
     pub batches: Vec<Batch>,
     /// Slots of each photon.
     pub max_events: u32,
+    most: u32,
+    journal: u32,
+    old_places: wgpu::Buffer,
+    old_states: wgpu::Buffer,
     params: PhotonParams,
     trace: Arc<Kernel>,
+    query: Arc<Kernel>,
+    copy: Arc<Kernel>,
+    compare: Arc<Kernel>,
 }
 
 impl PhotonMap {
-    /// Room for the scene's photons.
+    /// Room for the photons of the scene's lights, `ids` in their order.
     ///
     /// # Errors
     /// Not even one photon fits, or the device refuses the memory.
-    pub fn new(gpu: &Gpu, scene: &DeviceScene, settings: &Settings, split: &Split) -> Result<Self> {
+    pub fn new(
+        gpu: &Gpu,
+        scene: &DeviceScene,
+        ids: &[u32],
+        settings: &Settings,
+        points: bool,
+        split: &Split,
+    ) -> Result<Self> {
         let max_events = settings.max_events;
         let fit = gpu.max_binding() / (SLOT_BYTES / 2) / u64::from(max_events);
-        let most = fit.min(MAX_BATCH).min(split.batch_photons.unwrap_or(u32::MAX).into());
+        let most = fit.min(split.batch_photons.unwrap_or(u32::MAX).into()) as u32;
         if most == 0 {
             return Err(Error::capacity(
                 "photons",
                 format!("{max_events} events do not fit a binding"),
             ));
         }
-        let total = u64::from(scene.lights.photons);
-        // Even batches: the last is no smaller than it must be.
-        let each = total.div_ceil(total.div_ceil(most).max(1)).max(1);
-        let mut batches = Vec::new();
-        // Without a light there is one batch of no photons: later stages need not know.
-        for first in (0..total.max(1)).step_by(each as usize) {
-            let photons = each.min(total - first);
-            let slots = (photons * u64::from(max_events)) as usize;
-            batches.push(Batch {
-                first: first as u32,
-                photons: photons as u32,
-                places: gpu.buffer::<[u32; 4]>("photon places", slots)?,
-                states: gpu.buffer::<[u32; 4]>("photon states", slots)?,
-            });
-        }
-        let flags = ["nearest", "float_voxels", "anisotropic", "history", "skip"];
-        Ok(Self {
-            batches,
+        let largest = scene.lights.all.iter().map(|l| l.photons).max().unwrap_or(0);
+        let journal = (JOURNAL_SLOTS / max_events).min(split.journal.unwrap_or(u32::MAX));
+        let journal = journal.min(most).min(largest).max(1);
+        let slots = journal as usize * max_events as usize;
+        let mut map = Self {
+            batches: Vec::new(),
             max_events,
+            most,
+            journal,
+            old_places: gpu.buffer::<[u32; 4]>("journal", slots)?,
+            old_states: gpu.buffer::<[u32; 4]>("journal", slots)?,
             params: PhotonParams {
                 max_events,
                 roulette_from: settings.roulette_from,
@@ -222,16 +334,166 @@ impl PhotonMap {
                 sign: 1,
                 ..Default::default()
             },
-            trace: gpu.kernel("trace", &scene.flags(&flags))?,
-        })
+            trace: trace_kernel(gpu, scene)?,
+            query: gpu.kernel("photon_query", &[])?,
+            copy: gpu.kernel("journal", &[])?,
+            compare: gpu.kernel("compare", if points { &["points"] } else { &[] })?,
+        };
+        map.arrange(gpu, &scene.lights, ids)?;
+        Ok(map)
+    }
+
+    /// Takes the kernels that suit an edited scene.
+    ///
+    /// # Errors
+    /// The device refuses them.
+    pub fn respecialise(&mut self, gpu: &Gpu, scene: &DeviceScene) -> Result<()> {
+        self.trace = trace_kernel(gpu, scene)?;
+        Ok(())
+    }
+
+    /// Gives every light its batches: those that it had, else new ones, never computed.
+    /// Batches of lights that are gone go too.
+    ///
+    /// # Errors
+    /// The device refuses the memory.
+    pub fn arrange(&mut self, gpu: &Gpu, lights: &Lights, ids: &[u32]) -> Result<()> {
+        let mut before = std::mem::take(&mut self.batches);
+        for (light, (&id, record)) in (0..).zip(ids.iter().zip(&lights.all)) {
+            let (own, others) = before.into_iter().partition::<Vec<_>, _>(|b| b.light_id == id);
+            before = others;
+            let held: u32 = own.iter().map(|b| b.photons).sum();
+            let mut own = if held == record.photons { own } else { Vec::new() };
+            if own.is_empty() {
+                // Even batches: the last is no smaller than it must be.
+                let each = record.photons.div_ceil(record.photons.div_ceil(self.most).max(1));
+                for first in (0..record.photons).step_by(each.max(1) as usize) {
+                    let photons = each.min(record.photons - first);
+                    own.push(Batch::new(gpu, id, first, photons, self.max_events)?);
+                }
+            }
+            for batch in &mut own {
+                batch.light = light;
+            }
+            self.batches.append(&mut own);
+        }
+        Ok(())
+    }
+
+    /// Lists the photons of a batch that an edit touches.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn list(
+        &mut self,
+        gpu: &Gpu,
+        scene: &DeviceScene,
+        counters: &CounterBuffer,
+        (batch, risen): (usize, u64),
+        split: &Split,
+    ) -> Result<()> {
+        let params = PhotonParams {
+            risen: words(risen),
+            relit: self.batches[batch].relit.into(),
+            ..self.params(&self.batches[batch])
+        };
+        let batch = &mut self.batches[batch];
+        let mut bindings = [scene.bindings(), batch.bindings()].concat();
+        bindings.push(("counters", counters.buffer().into()));
+        let mut stage = gpu.stage("photon_query");
+        stage.dispatch(&self.query, u64::from(batch.photons) + 1, &bindings, &params)?;
+        stage.finish()?;
+        batch.list.compact(gpu, split.shuffle)
     }
 
     /// What the kernels are told about a batch.
     pub fn params(&self, batch: &Batch) -> PhotonParams {
-        PhotonParams { first_photon: batch.first, photons: batch.photons, ..self.params }
+        PhotonParams {
+            light: batch.light,
+            first_index: batch.first_index,
+            photons: batch.photons,
+            listed: batch.list.count,
+            ..self.params
+        }
     }
 
-    /// Traces every photon from its light, a window of events at a time.
+    /// What they are told about a part of its work list that the journal holds.
+    pub fn journal_params(&self, batch: &Batch, part: &Range<u32>) -> PhotonParams {
+        PhotonParams {
+            first_listed: part.start,
+            listed: part.end - part.start,
+            journal: self.journal,
+            ..self.params(batch)
+        }
+    }
+
+    /// The parts of a batch's work list that the journal can hold.
+    pub fn parts(&self, batch: &Batch) -> Vec<Range<u32>> {
+        let count = batch.list.count;
+        let starts = (0..count).step_by(self.journal as usize);
+        starts.map(|start| start..(start + self.journal).min(count)).collect()
+    }
+
+    /// The journal in the place of the live slots, for kernels that read them.
+    pub fn journal_bindings<'a>(&'a self, batch: &'a Batch) -> Bindings<'a> {
+        vec![
+            ("places", (&self.old_places).into()),
+            ("states", (&self.old_states).into()),
+            ("tasks", (&batch.tasks).into()),
+            ("work", (&batch.list.items).into()),
+        ]
+    }
+
+    /// Copies the slots of a part to the journal, or with `sign` -1 back.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn copy(&self, gpu: &Gpu, batch: &Batch, part: &Range<u32>, sign: i32) -> Result<()> {
+        let params = PhotonParams { sign, ..self.journal_params(batch, part) };
+        let slots = u64::from(params.listed) * u64::from(self.max_events);
+        let mut stage = gpu.stage("journal");
+        let bindings = [batch.bindings(), self.old()].concat();
+        stage.dispatch(&self.copy, slots, &bindings, &params)?;
+        stage.finish()
+    }
+
+    /// Finds what differs from the journal: tasks then begin there, and `dirty` knows. With
+    /// `sign` -1 photons that changed are not counted.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn compare(
+        &self,
+        gpu: &Gpu,
+        batch: &Batch,
+        part: &Range<u32>,
+        (counters, dirty): (&CounterBuffer, &Dirty),
+        sign: i32,
+    ) -> Result<()> {
+        let params = PhotonParams { sign, ..self.journal_params(batch, part) };
+        let mut bindings = [batch.bindings(), self.old(), dirty.bindings()].concat();
+        bindings.push(("counters", counters.buffer().into()));
+        let mut stage = gpu.stage("compare");
+        stage.dispatch(&self.compare, params.listed.into(), &bindings, &params)?;
+        stage.finish()
+    }
+
+    /// Leaves nothing in the journal.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn blank_journal(&self, gpu: &Gpu) -> Result<()> {
+        fill(gpu, "journal", &self.old_places, &[0])?;
+        fill(gpu, "journal", &self.old_states, &[0])
+    }
+
+    fn old(&self) -> Bindings<'_> {
+        vec![("old_places", (&self.old_places).into()), ("old_states", (&self.old_states).into())]
+    }
+
+    /// Traces a part of a batch's work list, a window of events at a time. Where the driver
+    /// ends the loops of a window, it is done again event by event, from the journal where
+    /// there is one (`journaled`).
     ///
     /// # Errors
     /// The device failed, or ended the loops of even a single flight.
@@ -240,19 +502,26 @@ impl PhotonMap {
         gpu: &Gpu,
         scene: &DeviceScene,
         counters: &CounterBuffer,
-        split: &Split,
+        (batch, part, journaled): (&Batch, Range<u32>, bool),
         progress: &mut Progress,
     ) -> Result<()> {
         let before = counters.read(gpu)?;
         for window in [EVENTS_AT_ONCE, 1] {
-            counters.restore(gpu, &before);
-            self.trace_windows(gpu, scene, counters, split, window, progress)?;
-            if counters.read(gpu)?.unfinished == 0 {
+            self.trace_windows(gpu, scene, counters, (batch, part.clone(), window), progress)?;
+            let after = counters.read(gpu)?;
+            if after.unfinished == 0 {
                 return Ok(());
             }
+            if journaled {
+                self.copy(gpu, batch, &part, -1)?;
+            }
+            if window == 1 {
+                let remedy = "lower `majorant` and the extinctions, or the volume's resolution";
+                after.all_finished("trace", remedy)?;
+            }
+            counters.restore(gpu, &before);
         }
-        let remedy = "lower `majorant` and the extinctions, or the volume's resolution";
-        counters.read(gpu)?.all_finished("trace", remedy)
+        Ok(())
     }
 
     fn trace_windows(
@@ -260,42 +529,42 @@ impl PhotonMap {
         gpu: &Gpu,
         scene: &DeviceScene,
         counters: &CounterBuffer,
-        split: &Split,
-        window: u32,
+        (batch, part, window): (&Batch, Range<u32>, u32),
         progress: &mut Progress,
     ) -> Result<()> {
-        let mut done = 0;
-        for batch in &self.batches {
-            let work = gpu.upload("work list", &split.work_list(batch.photons))?;
-            let mut bindings = [scene.bindings(), batch.bindings()].concat();
-            bindings.extend([("work", (&work).into()), ("counters", counters.buffer().into())]);
-            gpu.sliced(
-                "trace",
-                batch.photons.into(),
-                1 << 14,
-                |stage, range| {
-                    for first_event in (0..self.max_events).step_by(window as usize) {
-                        let params = PhotonParams {
-                            first_item: range.start as u32,
-                            items: (range.end - range.start) as u32,
-                            first_event,
-                            stop_event: (first_event + window).min(self.max_events),
-                            ..self.params(batch)
-                        };
-                        let items = range.end - range.start;
-                        stage.dispatch(&self.trace, items, &bindings, &params)?;
-                    }
-                    Ok(())
-                },
-                &mut |n| progress.at("trace", done + n, scene.lights.photons.into()),
-            )?;
-            done += u64::from(batch.photons);
-        }
-        Ok(())
+        let mut bindings = [scene.bindings(), batch.bindings()].concat();
+        bindings.push(("counters", counters.buffer().into()));
+        let total = u64::from(part.end - part.start);
+        let work = |stage: &mut crate::gpu::run::Stage, range: Range<u64>| {
+            for first_event in (0..self.max_events).step_by(window as usize) {
+                let items = range.end - range.start;
+                let params = PhotonParams {
+                    first_item: part.start + range.start as u32,
+                    items: items as u32,
+                    first_event,
+                    stop_event: (first_event + window).min(self.max_events),
+                    ..self.params(batch)
+                };
+                stage.dispatch(&self.trace, items, &bindings, &params)?;
+            }
+            Ok(())
+        };
+        gpu.sliced("trace", total, 1 << 14, work, &mut |n| progress.at("trace", n, total))
     }
 
     /// Bytes of all slots.
     pub fn bytes(&self) -> u64 {
         self.batches.iter().map(|b| b.places.size() + b.states.size()).sum()
     }
+
+    /// Bytes of tasks, work lists and journal.
+    pub fn list_bytes(&self) -> u64 {
+        let lists = self.batches.iter().map(|b| b.tasks.size() + b.list.bytes()).sum::<u64>();
+        lists + self.old_places.size() + self.old_states.size()
+    }
+}
+
+fn trace_kernel(gpu: &Gpu, scene: &DeviceScene) -> Result<Arc<Kernel>> {
+    let flags = ["nearest", "float_voxels", "anisotropic", "history", "skip"];
+    gpu.kernel("trace", &scene.flags(&flags))
 }

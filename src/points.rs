@@ -8,6 +8,7 @@
 
 use std::sync::Arc;
 
+use crate::dirty::Dirty;
 use crate::error::{Error, Result};
 use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
@@ -17,6 +18,7 @@ use crate::gpu::run::Bindings;
 use crate::gpu::scan::Scanner;
 use crate::gpu::sort::Sorter;
 use crate::photon::{Batch, PhotonMap};
+use crate::query::{CHANGE_ALBEDO, CHANGE_FALLEN, CHANGE_PHASE, CHANGE_RISEN};
 use crate::render::Progress;
 use crate::scene::{Settings, Weighting};
 
@@ -43,6 +45,10 @@ shared_struct! {
 
 /// The sorted points of one photon batch.
 struct SortedBatch {
+    /// Light and first photon of the batch.
+    key: (u32, u32),
+    /// Its photons.
+    slots: u32,
     count: u32,
     places: wgpu::Buffer,
     lights: wgpu::Buffer,
@@ -66,6 +72,8 @@ pub struct Points {
     /// Gather radius, mm.
     pub radius: f32,
     params: PointsParams,
+    /// Whether fluence is blurred, not collision density.
+    pub even: bool,
     key_bits: u32,
     batches: Vec<SortedBatch>,
     mark: Arc<Kernel>,
@@ -92,9 +100,9 @@ impl Points {
         }
         let cells = cells as u64;
         let shift = cells.div_ceil(MAX_BUCKETS).next_power_of_two().ilog2();
-        let mut flags = scene.flags(&["nearest", "float_voxels", "anisotropic"]);
-        flags.extend((settings.weighting == Weighting::Even).then_some("even"));
+        let even = settings.weighting == Weighting::Even;
         Ok(Self {
+            even,
             radius: radius as f32,
             params: PointsParams {
                 grid: grid.map(|n| n as u32),
@@ -108,12 +116,28 @@ impl Points {
             batches: Vec::new(),
             mark: gpu.kernel("points_mark", &[])?,
             compact: gpu.kernel("points_compact", &[])?,
-            record: gpu.kernel("points_record", &flags)?,
+            record: record_kernel(gpu, scene, even)?,
             find: gpu.kernel("points_starts", &[])?,
         })
     }
 
-    /// Sorts all live slots, from nothing.
+    /// Takes the kernels that suit an edited scene.
+    ///
+    /// # Errors
+    /// The device refuses them.
+    pub fn respecialise(&mut self, gpu: &Gpu, scene: &DeviceScene) -> Result<()> {
+        self.record = record_kernel(gpu, scene, self.even)?;
+        Ok(())
+    }
+
+    /// Columns of the transfer function that contributions depend on, `CHANGE_` bits.
+    pub fn columns(&self) -> u32 {
+        let extinction = if self.even { CHANGE_RISEN | CHANGE_FALLEN } else { 0 };
+        CHANGE_PHASE | CHANGE_ALBEDO | extinction
+    }
+
+    /// Sorts the live slots of the batches that changed, or of `all`, and marks where
+    /// contributions changed without their slots.
     ///
     /// # Errors
     /// The device failed.
@@ -121,13 +145,24 @@ impl Points {
         &mut self,
         gpu: &Gpu,
         scene: &DeviceScene,
-        map: &PhotonMap,
+        (map, all): (&mut PhotonMap, bool),
+        dirty: &Dirty,
         progress: &mut Progress,
     ) -> Result<()> {
-        self.batches.clear();
-        for (i, batch) in map.batches.iter().enumerate() {
-            self.batches.push(self.sorted(gpu, scene, map, batch)?);
-            progress.at("sort", i as u64 + 1, map.batches.len() as u64);
+        let total = map.batches.len();
+        let mut before = std::mem::take(&mut self.batches);
+        for i in 0..total {
+            let batch = &map.batches[i];
+            let key = (batch.light_id, batch.first_index);
+            let own = before.iter().position(|b| b.key == key).map(|at| before.swap_remove(at));
+            let kept = own.filter(|own| !all && !batch.stale && own.slots == batch.photons);
+            let sorted = match kept {
+                Some(own) => own,
+                None => self.sorted(gpu, scene, map, batch, dirty)?,
+            };
+            self.batches.push(sorted);
+            map.batches[i].stale = false;
+            progress.at("sort", i as u64 + 1, total as u64);
         }
         Ok(())
     }
@@ -138,12 +173,15 @@ impl Points {
         scene: &DeviceScene,
         map: &PhotonMap,
         batch: &Batch,
+        dirty: &Dirty,
     ) -> Result<SortedBatch> {
         let slots = batch.photons * map.max_events;
         let ranks = gpu.buffer::<u32>("points ranks", slots as usize + 1)?;
         let scanner = Scanner::new(gpu, slots + 1)?;
         let all = PointsParams { count: slots, ..self.params };
-        let mut bindings = [scene.bindings(), batch.bindings()].concat();
+        let slot_bindings =
+            [("places", (&batch.places).into()), ("states", (&batch.states).into())];
+        let mut bindings = [scene.bindings(), dirty.bindings(), slot_bindings.to_vec()].concat();
         bindings.extend([("marks", (&ranks).into()), ("ranks", (&ranks).into())]);
 
         let mut stage = gpu.stage("points_mark");
@@ -162,6 +200,8 @@ impl Points {
 
         let live = PointsParams { count, ..self.params };
         let sorted = SortedBatch {
+            key: (batch.light_id, batch.first_index),
+            slots: batch.photons,
             count,
             places: gpu.buffer::<[u32; 4]>("point places", count as usize)?,
             lights: gpu.buffer::<[f32; 4]>("point lights", count as usize)?,
@@ -200,4 +240,10 @@ impl Points {
     pub fn bytes(&self) -> u64 {
         self.batches.iter().map(|b| b.places.size() + b.lights.size() + b.starts.size()).sum()
     }
+}
+
+fn record_kernel(gpu: &Gpu, scene: &DeviceScene, even: bool) -> Result<Arc<Kernel>> {
+    let mut flags = scene.flags(&["nearest", "float_voxels", "anisotropic"]);
+    flags.extend(even.then_some("even"));
+    gpu.kernel("points_record", &flags)
 }

@@ -2,41 +2,52 @@
 
 use std::time::Instant;
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::film::Image;
-use crate::fluence::Fluence;
 use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
 use crate::gpu::run::{Timing, milliseconds};
-use crate::light::hash;
-use crate::photon::{CounterBuffer, Counters, PhotonMap, SLOT_BYTES};
-use crate::points::Points;
+use crate::photon::{Counters, SLOT_BYTES};
 use crate::reference::Reference;
-use crate::scene::{Estimator, Method, Scene};
-use crate::segment::{LightField, SEGMENT_BYTES, SegmentMap};
+use crate::scene::{Method, Scene};
+use crate::segment::{LightField, SEGMENT_BYTES};
+use crate::update::PhotonFrame;
 use crate::volume::Volume;
 
 /// What a typical contribution to an integer sum is scaled to: 22 bits of precision,
 /// and room for one a thousand times as large before 32 bits clamp it.
 pub const CONTRIBUTION: f64 = (1 << 22) as f64;
 
-/// Hears of the progress of long work.
+/// Hears of the progress of long work, and may have an update abandoned.
 #[derive(Default)]
-pub struct Progress<'a>(Option<&'a mut dyn FnMut(&'static str, u64, u64)>);
+pub struct Progress<'a> {
+    hear: Option<&'a mut dyn FnMut(&'static str, u64, u64)>,
+    stop: Option<&'a mut dyn FnMut(&'static str) -> bool>,
+}
 
 impl<'a> Progress<'a> {
     /// Tells `hear` the stage, the items done, and the items in all.
     pub fn new(hear: &'a mut dyn FnMut(&'static str, u64, u64)) -> Self {
-        Self(Some(hear))
+        Self { hear: Some(hear), stop: None }
     }
 
     /// Nobody hears.
     pub fn silent() -> Self {
-        Self(None)
+        Self::default()
+    }
+
+    /// Asks `stop` at every boundary of an update (before each part of `photons`, before
+    /// the `light field`, before the `segments`) whether to abandon it there.
+    pub fn until(stop: &'a mut dyn FnMut(&'static str) -> bool) -> Self {
+        Self { hear: None, stop: Some(stop) }
+    }
+
+    pub(crate) fn stops(&mut self, boundary: &'static str) -> bool {
+        self.stop.as_mut().is_some_and(|stop| stop(boundary))
     }
 
     pub(crate) fn at(&mut self, stage: &'static str, done: u64, total: u64) {
-        if let Some(hear) = &mut self.0 {
+        if let Some(hear) = &mut self.hear {
             hear(stage, done, total);
         }
     }
@@ -49,22 +60,10 @@ pub struct Split {
     pub batch_photons: Option<u32>,
     /// Rows of a screen band, at most; `None`: as many as a binding holds.
     pub band_rows: Option<u32>,
+    /// Photons that the journal of an update holds, at most; `None`: 64 MiB of slots.
+    pub journal: Option<u32>,
     /// Shuffles the work lists with this seed, to show that order does not matter.
     pub shuffle: Option<u64>,
-}
-
-impl Split {
-    /// The items `0..count`, each once.
-    pub(crate) fn work_list(&self, count: u32) -> Vec<u32> {
-        let mut items: Vec<u32> = (0..count).collect();
-        if let Some(seed) = self.shuffle {
-            for i in (1..items.len()).rev() {
-                let other = hash(seed ^ (i as u64) << 20) as usize % (i + 1);
-                items.swap(i, other);
-            }
-        }
-        items
-    }
 }
 
 /// What a render cost and did.
@@ -158,7 +157,7 @@ pub fn render(
     let (image, error) = if scene.settings.method == Method::PhotonMap {
         let mut frame = PhotonFrame::new(gpu, scene, device, scene.settings.rays, split)?;
         frame.rebuild(gpu, split, progress)?;
-        frame.fill(gpu, &mut report)?;
+        fill(&frame, gpu, &mut report)?;
         (frame.segments.image(gpu)?, None)
     } else {
         let mut reference = Reference::new(gpu, scene, &device)?;
@@ -174,108 +173,26 @@ pub fn render(
     Ok(Rendered { image, error, report })
 }
 
-/// Everything that the photon map of one scene keeps on the device.
-pub struct PhotonFrame {
-    /// The scene.
-    pub scene: DeviceScene,
-    /// Its photons.
-    pub map: PhotonMap,
-    /// Its light field.
-    pub field: LightField,
-    /// Its view-ray segments.
-    pub segments: SegmentMap,
-    counters: CounterBuffer,
-    estimator: &'static str,
-}
-
-impl PhotonFrame {
-    /// Room for everything; nothing is computed yet.
-    ///
-    /// # Errors
-    /// Memory does not suffice, or the estimator does not suit the scene.
-    pub fn new(
-        gpu: &Gpu,
-        scene: &Scene,
-        device: DeviceScene,
-        rays: u32,
-        split: &Split,
-    ) -> Result<Self> {
-        let settings = &scene.settings;
-        let isotropic = device.table.is_isotropic();
-        let chosen = settings.estimator.unwrap_or(match isotropic {
-            true => Estimator::Fluence,
-            false => Estimator::Points,
-        });
-        let map = PhotonMap::new(gpu, &device, settings, split)?;
-        let (field, estimator) = match chosen {
-            Estimator::Fluence if !isotropic => {
-                return Err(Error::setting(
-                    "the `fluence` estimator knows isotropic scattering only, and a material has \
-                     phase_g other than 0: use `estimator = \"points\"`",
-                ));
-            }
-            Estimator::Fluence => {
-                (LightField::Fluence(Fluence::new(gpu, &device, settings)?), "fluence")
-            }
-            Estimator::Points => {
-                let spacing = device.frame.per_voxel.map(|n| 1.0 / f64::from(n));
-                let smallest = spacing.iter().copied().fold(f64::INFINITY, f64::min);
-                let radius = settings.radius.unwrap_or(smallest);
-                let name = match settings.weighting {
-                    crate::scene::Weighting::Plain => "points plain",
-                    crate::scene::Weighting::Even => "points even",
-                };
-                (LightField::Points(Points::new(gpu, &device, settings, radius)?), name)
-            }
-        };
-        let segments = SegmentMap::new(gpu, scene, &device, &field, rays, split)?;
-        let counters = CounterBuffer::new(gpu)?;
-        Ok(Self { scene: device, map, field, segments, counters, estimator })
-    }
-
-    /// Computes everything: an edit that touches everything.
-    ///
-    /// # Errors
-    /// The device failed.
-    pub fn rebuild(&mut self, gpu: &Gpu, split: &Split, progress: &mut Progress) -> Result<()> {
-        self.counters.clear(gpu);
-        self.map.trace(gpu, &self.scene, &self.counters, split, progress)?;
-        match &mut self.field {
-            LightField::Points(points) => points.build(gpu, &self.scene, &self.map, progress)?,
-            LightField::Fluence(fluence) => {
-                fluence.build(gpu, &self.scene, &self.map, &self.counters, progress)?;
-            }
+fn fill(frame: &PhotonFrame, gpu: &Gpu, report: &mut Report) -> Result<()> {
+    report.estimator = Some(frame.estimator);
+    report.photons = frame.scene.lights.photons.into();
+    report.max_events = frame.map.max_events;
+    report.segments = frame.segments.count();
+    report.counts = frame.counts(gpu)?;
+    report.bytes.extend([
+        ("photon slots", frame.map.bytes()),
+        ("segments", frame.segments.bytes()),
+        ("lists", frame.update_bytes()),
+    ]);
+    match &frame.field {
+        LightField::Points(points) => {
+            report.radius_mm = Some(points.radius);
+            report.bytes.push(("points", points.bytes()));
         }
-        self.segments.render(gpu, &self.scene, &self.field, &self.counters, progress)
-    }
-
-    /// What the stages counted since the last rebuild began.
-    ///
-    /// # Errors
-    /// The device failed.
-    pub fn counts(&self, gpu: &Gpu) -> Result<Counters> {
-        self.counters.read(gpu)
-    }
-
-    fn fill(&self, gpu: &Gpu, report: &mut Report) -> Result<()> {
-        report.estimator = Some(self.estimator);
-        report.photons = self.scene.lights.photons.into();
-        report.max_events = self.map.max_events;
-        report.segments = self.segments.count();
-        report.counts = self.counts(gpu)?;
-        report
-            .bytes
-            .extend([("photon slots", self.map.bytes()), ("segments", self.segments.bytes())]);
-        match &self.field {
-            LightField::Points(points) => {
-                report.radius_mm = Some(points.radius);
-                report.bytes.push(("points", points.bytes()));
-            }
-            LightField::Fluence(fluence) => {
-                report.grid = Some(fluence.grid);
-                report.bytes.push(("fluence", fluence.bytes()));
-            }
+        LightField::Fluence(fluence) => {
+            report.grid = Some(fluence.grid);
+            report.bytes.push(("fluence", fluence.bytes()));
         }
-        Ok(())
     }
+    Ok(())
 }

@@ -7,10 +7,11 @@ use std::sync::Arc;
 
 use glam::{DAffine3, Vec3};
 
+use crate::dirty::Dirty;
 use crate::error::{Error, Result};
 use crate::film::Image;
 use crate::fluence::Fluence;
-use crate::frame::DeviceScene;
+use crate::frame::{DeviceScene, words};
 use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
@@ -18,7 +19,8 @@ use crate::gpu::run::{Bindings, Stage};
 use crate::photon::CounterBuffer;
 use crate::points::Points;
 use crate::render::{CONTRIBUTION, Progress, Split};
-use crate::scene::{Camera, Scene, Weighting};
+use crate::scene::{Camera, Scene};
+use crate::work::{WorkList, fill};
 
 shared_struct! {
     /// What the segment kernel is told; lengths in the volume's frame.
@@ -57,8 +59,8 @@ shared_struct! {
         pub points_begin: u32,
         /// The point before which it stops.
         pub points_end: u32,
-        /// Keeps the size a multiple of 16.
-        pub pad: [u32; 2],
+        /// Bins of the entries that an edit changed.
+        pub query: [u32; 2],
     }
 }
 
@@ -97,6 +99,9 @@ shared_struct! {
         pub fresh: u32,
     }
 }
+
+/// A segment that was never computed: its transmittance is -1, its history all ones.
+const NEVER: [u32; 6] = [0, 0, 0, 0xbf80_0000, u32::MAX, u32::MAX];
 
 /// Parts in which the points are gathered, at most.
 const MAX_PARTS: u32 = 1 << 12;
@@ -143,17 +148,23 @@ struct Band {
     first_row: u32,
     rows: u32,
     segments: wgpu::Buffer,
-    work: wgpu::Buffer,
+    list: WorkList,
+    /// Nothing was computed since the camera moved.
+    fresh: bool,
 }
 
-/// What the gather of one band and one ray a pixel works with.
-struct Gather<'a> {
-    gpu: &'a Gpu,
-    device: &'a DeviceScene,
-    field: &'a LightField,
-    counters: &'a CounterBuffer,
-    band: &'a Band,
-    ray: u32,
+/// What segments are computed from.
+pub struct SegmentStage<'a> {
+    /// The device.
+    pub gpu: &'a Gpu,
+    /// The scene.
+    pub device: &'a DeviceScene,
+    /// Its light.
+    pub field: &'a LightField,
+    /// Where light changed.
+    pub dirty: &'a Dirty,
+    /// What is counted.
+    pub counters: &'a CounterBuffer,
 }
 
 /// All segments of an image, and its film.
@@ -164,6 +175,7 @@ pub struct SegmentMap {
     bands: Vec<Band>,
     film: wgpu::Buffer,
     segment: Arc<Kernel>,
+    query: Arc<Kernel>,
     composite: Arc<Kernel>,
 }
 
@@ -201,34 +213,23 @@ impl SegmentMap {
         for first_row in (0..camera.height).step_by(rows as usize) {
             let rows = rows.min(camera.height - first_row);
             let count = rows * row as u32;
+            let segments = gpu.buffer::<Segment>("segments", count as usize)?;
+            fill(gpu, "forget", &segments, &NEVER)?;
             bands.push(Band {
                 first_row,
                 rows,
-                segments: gpu.buffer::<Segment>("segments", count as usize)?,
-                work: gpu.upload("segment work list", &split.work_list(count))?,
+                segments,
+                list: WorkList::new(gpu, count)?,
+                fresh: true,
             });
         }
-        let mut flags = device.flags(&[
-            "nearest",
-            "float_voxels",
-            "anisotropic",
-            "emission",
-            "history",
-            "skip",
-        ]);
         let spacing = 1.0 / device.frame.per_voxel.iter().copied().fold(0.0, f32::max);
         let mut scale = 1.0;
-        match field {
-            LightField::Fluence(_) => flags.extend(["fluence"]),
-            LightField::Points(points) => {
-                let even = settings.weighting == Weighting::Even;
-                flags.extend(even.then_some("even"));
-                let photon =
-                    settings.flux_unit.unwrap_or(1.0) / f64::from(device.lights.photons.max(1));
-                let ball = 4.0 / 3.0 * std::f64::consts::PI * f64::from(points.radius).powi(3);
-                let typical = photon / ball / (4.0 * std::f64::consts::PI) * f64::from(spacing);
-                scale = (CONTRIBUTION / typical) as f32;
-            }
+        if let LightField::Points(points) = field {
+            let photon = settings.flux_unit.unwrap_or(1.0) / settings.photons as f64;
+            let ball = 4.0 / 3.0 * std::f64::consts::PI * f64::from(points.radius).powi(3);
+            let typical = photon / ball / (4.0 * std::f64::consts::PI) * f64::from(spacing);
+            scale = (CONTRIBUTION / typical) as f32;
         }
         let pixels = camera.width as usize * camera.height as usize;
         Ok(Self {
@@ -241,41 +242,126 @@ impl SegmentMap {
             strata: strata(rays),
             bands,
             film: gpu.buffer::<[f32; 4]>("film", pixels)?,
-            segment: gpu.kernel("segment", &flags)?,
+            segment: segment_kernel(gpu, device, field)?,
+            query: gpu.kernel("segment_query", &[])?,
             composite: gpu.kernel("composite", &[])?,
         })
     }
 
-    /// Computes every segment and the image, ray after ray.
+    /// Takes the kernels that suit an edited scene.
     ///
     /// # Errors
-    /// The device failed.
-    pub fn render(
-        &self,
+    /// The device refuses them.
+    pub fn respecialise(
+        &mut self,
         gpu: &Gpu,
         device: &DeviceScene,
         field: &LightField,
-        counters: &CounterBuffer,
-        progress: &mut Progress,
     ) -> Result<()> {
+        self.segment = segment_kernel(gpu, device, field)?;
+        Ok(())
+    }
+
+    /// Looks from elsewhere, or at another background. Returns whether segments changed.
+    ///
+    /// # Errors
+    /// The camera is not placed yet; the device failed.
+    pub fn look(&mut self, gpu: &Gpu, scene: &Scene, device: &DeviceScene) -> Result<bool> {
+        self.background = scene.background.as_vec3().to_array();
+        let camera = camera_params(&scene.camera, &device.local_from_world)?;
+        let (segments, scale) = (self.params.segments, self.params.scale);
+        let params = SegmentParams { segments, scale, ..camera };
+        if params == self.params {
+            return Ok(false);
+        }
+        self.params = params;
+        self.forget(gpu)?;
+        Ok(true)
+    }
+
+    /// Marks every segment as never computed.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn forget(&mut self, gpu: &Gpu) -> Result<()> {
+        for band in &mut self.bands {
+            fill(gpu, "forget", &band.segments, &NEVER)?;
+            band.fresh = true;
+        }
+        Ok(())
+    }
+
+    /// Computes the segments that read an entry of `query`, or see light that changed, and
+    /// the image, ray after ray. Returns how many segments were computed of how many.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn update(
+        &mut self,
+        stage: &SegmentStage,
+        query: u64,
+        split: &Split,
+        progress: &mut Progress,
+    ) -> Result<[u64; 2]> {
+        let (gpu, counters) = (stage.gpu, stage.counters);
         let rays = self.strata[0] * self.strata[1];
         let total = u64::from(rays) * u64::from(self.params.height);
         let mut parts = 1;
+        let mut recomputed = 0;
         for ray in 0..rays {
-            for band in &self.bands {
-                parts = self.gather(&Gather { gpu, device, field, counters, band, ray }, parts)?;
+            for i in 0..self.bands.len() {
+                // Between rays a band holds another ray's segments.
+                if self.bands[i].fresh || rays > 1 {
+                    self.bands[i].list.fill(gpu, split.shuffle);
+                } else {
+                    self.list(stage, i, query)?;
+                    self.bands[i].list.compact(gpu, split.shuffle)?;
+                    counters.read(gpu)?.all_finished("segment_query", "raise `segments`")?;
+                }
+                let band = &self.bands[i];
+                recomputed += u64::from(band.list.count);
+                if band.list.count > 0 {
+                    parts = self.gather(stage, (band, ray), parts)?;
+                }
                 self.composite(gpu, band, ray, rays)?;
                 let rows = u64::from(ray * self.params.height + band.first_row + band.rows);
                 progress.at("segment", rows, total);
             }
         }
-        Ok(())
+        self.bands.iter_mut().for_each(|band| band.fresh = false);
+        Ok([recomputed, u64::from(rays) * self.count()])
+    }
+
+    fn list(&self, stage: &SegmentStage, band: usize, query: u64) -> Result<()> {
+        let band = &self.bands[band];
+        let items = band.rows * self.params.width * self.params.segments;
+        let params = SegmentParams {
+            first_row: band.first_row,
+            items,
+            strata: self.strata,
+            query: words(query),
+            ..self.params
+        };
+        let mut bindings = [stage.device.bindings(), stage.dirty.bindings()].concat();
+        bindings.extend([
+            ("segment_words", (&band.segments).into()),
+            ("marks", (&band.list.marks).into()),
+            ("counters", stage.counters.buffer().into()),
+        ]);
+        let mut dispatch = stage.gpu.stage("segment_query");
+        dispatch.dispatch(&self.query, u64::from(items) + 1, &bindings, &params)?;
+        dispatch.finish()
     }
 
     /// Computes the segments of a band. Where the driver ends the loops of a long gather,
     /// the points are taken in more parts: sums of integers, so no bit depends on it.
     /// Returns the parts that sufficed.
-    fn gather(&self, stage: &Gather, mut parts: u32) -> Result<u32> {
+    fn gather(
+        &self,
+        stage: &SegmentStage,
+        (band, ray): (&Band, u32),
+        mut parts: u32,
+    ) -> Result<u32> {
         let (gpu, counters) = (stage.gpu, stage.counters);
         let before = counters.read(gpu)?;
         let most = match stage.field {
@@ -283,7 +369,7 @@ impl SegmentMap {
             LightField::Points(_) => MAX_PARTS,
         };
         loop {
-            self.gather_parts(stage, parts)?;
+            self.gather_parts(stage, (band, ray), parts)?;
             let after = counters.read(gpu)?;
             if after.unfinished == 0 {
                 return Ok(parts);
@@ -296,18 +382,22 @@ impl SegmentMap {
         }
     }
 
-    fn gather_parts(&self, stage: &Gather, parts: u32) -> Result<()> {
-        let band = stage.band;
+    fn gather_parts(
+        &self,
+        stage: &SegmentStage,
+        (band, ray): (&Band, u32),
+        parts: u32,
+    ) -> Result<()> {
         let batches: Vec<(Bindings, u32)> = match stage.field {
             LightField::Fluence(fluence) => vec![(fluence.bindings(), 0)],
             LightField::Points(points) => points.bindings(),
         };
-        let count = u64::from(band.rows * self.params.width * self.params.segments);
+        let count = u64::from(band.list.count);
         let last = batches.len() as u32 * parts - 1;
         for (i, (batch, points)) in (0..).zip(&batches) {
             let mut bindings = [stage.device.bindings(), batch.clone()].concat();
             bindings.extend([
-                ("work", (&band.work).into()),
+                ("work", (&band.list.items).into()),
                 ("segment_words", (&band.segments).into()),
                 ("counters", stage.counters.buffer().into()),
             ]);
@@ -318,7 +408,7 @@ impl SegmentMap {
                 let params = SegmentParams {
                     first_row: band.first_row,
                     strata: self.strata,
-                    ray: stage.ray,
+                    ray,
                     batch_first: u32::from(run == 0),
                     batch_last: u32::from(run == last),
                     points_begin: bound(part),
@@ -384,8 +474,23 @@ impl SegmentMap {
             * u64::from(self.params.segments)
     }
 
+    /// Bytes of the work lists.
+    pub fn list_bytes(&self) -> u64 {
+        self.bands.iter().map(|band| band.list.bytes()).sum()
+    }
+
     /// Bytes of all segments.
     pub fn bytes(&self) -> u64 {
         self.bands.iter().map(|band| band.segments.size()).sum()
     }
+}
+
+fn segment_kernel(gpu: &Gpu, device: &DeviceScene, field: &LightField) -> Result<Arc<Kernel>> {
+    let mut flags =
+        device.flags(&["nearest", "float_voxels", "anisotropic", "emission", "history", "skip"]);
+    match field {
+        LightField::Fluence(_) => flags.push("fluence"),
+        LightField::Points(points) => flags.extend(points.even.then_some("even")),
+    }
+    gpu.kernel("segment", &flags)
 }

@@ -7,6 +7,7 @@
 
 use glam::DVec3;
 
+use crate::frame::LAYERS;
 use crate::scene::Material;
 
 /// Entries of a [`Table`].
@@ -141,29 +142,30 @@ pub fn entry_value(entry: usize, range: [f64; 2]) -> f64 {
 /// The bin of every table entry.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Bins {
-    /// Bin of each entry, below [`BINS`].
+    /// Bin of each entry, below [`BINS`]; it never falls from one entry to the next.
     pub bin_of_entry: Vec<u32>,
+    /// Classes of marks that a photon's history tells apart, 1, 2, 4 or 8: as many
+    /// neighbouring bins share their bits.
+    pub mark_classes: u32,
 }
 
 impl Bins {
     /// Equal bins: `entry >> 6`.
-    pub fn uniform() -> Self {
-        Self {
-            bin_of_entry: (0..TABLE_ENTRIES as u32)
-                .map(|e| e / (TABLE_ENTRIES / BINS) as u32)
-                .collect(),
-        }
+    pub fn uniform(mark_classes: u32) -> Self {
+        let bin = |e| e / (TABLE_ENTRIES / BINS) as u32;
+        Self { bin_of_entry: (0..TABLE_ENTRIES as u32).map(bin).collect(), mark_classes }
+    }
+
+    /// The bit of a photon's history for a tentative collision at an entry, with a mark of
+    /// the given layer.
+    pub fn tentative_bit(&self, entry: usize, layer: u32) -> u64 {
+        let class = layer * self.mark_classes / LAYERS;
+        1 << (self.bin_of_entry[entry] & !(self.mark_classes - 1) | class)
     }
 
     /// The history bit of an entry.
     pub fn bit(&self, entry: usize) -> u64 {
         1 << self.bin_of_entry[entry]
-    }
-}
-
-impl Default for Bins {
-    fn default() -> Self {
-        Self::uniform()
     }
 }
 
@@ -262,7 +264,7 @@ mod tests {
 
     #[test]
     fn bins_cover_the_table_and_the_mask_names_what_is_there() {
-        let bins = Bins::uniform();
+        let bins = Bins::uniform(1);
         assert_eq!(bins.bin_of_entry.len(), TABLE_ENTRIES);
         assert!(bins.bin_of_entry.iter().enumerate().all(|(e, &b)| b as usize == e >> 6));
         let mut top = material(&[[0.999, 1.0], [1.0, 1.0]], 1.0, 1.0, 1.0, 0.0);

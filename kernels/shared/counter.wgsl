@@ -7,7 +7,11 @@ const CLAMPED: u32 = 2u;       // contributions clamped
 const DEPOSITS: u32 = 3u;      // cells that flights were added to
 const GATHERED: u32 = 4u;      // photons that a gather tested
 const SAMPLES: u32 = 5u;       // march samples of view rays
-const UNFINISHED: u32 = 6u;    // items whose loops the driver ended
+const CHECKED: u32 = 6u;       // blocks that view rays looked for changed light in
+const INVALID: u32 = 7u;       // photons with a flight to be traced again
+const REWEIGHED: u32 = 8u;     // photons with a slot whose power alone is found again
+const CHANGED: u32 = 9u;       // photons that tracing again has changed
+const UNFINISHED: u32 = 10u;   // items whose loops the driver ended
 
 @group(0) @binding(7) var<storage, read_write> counters: array<atomic<u32>>;
 

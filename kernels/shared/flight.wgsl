@@ -7,6 +7,10 @@
 // Draws are keyed by photon, event, cell and layer, so no random point depends on the
 // materials; and where a cell's extinction stays below majorant * 2^-k, the layers
 // before k need not be drawn at all, since nothing in them could be real.
+//
+// A photon's history knows values and marks: the low bits of a bin give way to the class
+// of the mark's octave, because a tentative collision of mark m can only turn real where
+// extinction rises above m * majorant.
 
 import package::shared::counter::expect;
 import package::shared::random::{pcg4d, unit, exponential};
@@ -25,6 +29,22 @@ struct Flight {
     tentative: u32,        // tentative collisions made
 }
 
+fn mark_class(layer: u32) -> u32 {
+    return layer * frame.mark_classes / LAYERS;
+}
+
+fn tentative_bit(bin: u32, layer: u32) -> vec2<u32> {
+    return bin_bit((bin & ~(frame.mark_classes - 1u)) | mark_class(layer));
+}
+
+// Every value of a mask, with the classes of all layers before `level`.
+fn skipped_bits(mask: vec2<u32>, level: u32) -> vec2<u32> {
+    var values = mask;
+    for (var by = 1u; by < frame.mark_classes; by <<= 1u) { values |= values >> vec2<u32>(by); }
+    values &= vec2<u32>(0xffffffffu / ((1u << frame.mark_classes) - 1u));
+    return values * ((2u << mark_class(level - 1u)) - 1u);
+}
+
 fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>) -> Flight {
     let l = line(origin, direction);
     let leave = inside(l, frame.extent).y;
@@ -39,7 +59,7 @@ fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>) -> Flight {
         @if(skip) { level = cell_levels[cell]; }
         @if(history) {
             // What is not drawn relied on every value that the cell can have.
-            if level > 0u { result.history |= cell_masks[cell]; }
+            if level > 0u { result.history |= skipped_bits(cell_masks[cell], level); }
         }
         var layer = level;
         for (; layer < LAYERS; layer++) {
@@ -56,7 +76,7 @@ fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>) -> Flight {
                 result.tentative++;
                 let entry = entry_at(origin + direction * t);
                 let o = optics[entry];
-                @if(history) { result.history |= bin_bit(o.bin); }
+                @if(history) { result.history |= tentative_bit(o.bin, layer); }
                 let mark = floor_of_marks + unit(words.y) * width;
                 if mark * frame.majorant < o.extinction {
                     // The first real collision of this layer; another may still be nearer.

@@ -17,7 +17,7 @@ struct Light {
     position: vec3<f32>,   // point; corner of the rectangle
     stream: u32,           // hash of seed and stable id
     direction: vec3<f32>,  // of travel (directional); normal of the rectangle
-    first: u32,            // number of its first photon
+    pad: u32,
     edge_u: vec3<f32>,
     photons: u32,          // its quota
     edge_v: vec3<f32>,
@@ -38,15 +38,6 @@ struct Emission {
     position: vec3<f32>,
     direction: vec3<f32>,
     power: vec3<f32>,
-}
-
-// The light that owns a photon.
-fn light_of(photon: u32) -> u32 {
-    var owner = 0u;
-    for (var i = 1u; i < lights.count; i++) {
-        if photon >= lights.all[i].first { owner = i; }
-    }
-    return owner;
 }
 
 // Area of the bounds' faces across each axis.

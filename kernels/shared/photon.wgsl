@@ -1,25 +1,50 @@
 // What a photon does between two slots: it leaves its light, or the interaction before.
 
-import package::shared::light::{lights, light_of, emit};
+import package::shared::light::{lights, emit};
 import package::shared::phase::{uniform_direction, sample_phase};
 import package::shared::random::{draw, unit, unit4, FOR_SCATTER};
 import package::shared::scene::scattering;
 import package::shared::slot::{Slot, INTERACTION, unpack_direction, pack_direction, unpack_power, pack_power};
 
 struct PhotonParams {
-    first_photon: u32,     // number of the batch's first photon
+    light: u32,            // which light the batch belongs to
+    first_index: u32,      // the light's photon that is the batch's first
     photons: u32,          // in the batch
-    first_item: u32,       // of this dispatch
-    items: u32,            // of this dispatch
     max_events: u32,
+    first_item: u32,       // of this dispatch
+    items: u32,
+    first_listed: u32,     // the part of the work list that is worked on
+    listed: u32,
     roulette_from: u32,    // first event after which the roulette runs
     roulette_survival: f32,
     scale: f32,            // of integer sums
-    grid: vec3<u32>,       // cells of the light field
     sign: i32,             // 1 adds, -1 takes out
-    first_event: u32,      // the window of events that this dispatch traces
+    grid: vec3<u32>,       // cells of the light field
+    journal: u32,          // photons that the journal holds; 0: the slots are the live ones
+    risen: vec2<u32>,      // bins where a flight may be stopped that was not
+    first_event: u32,      // the window of events that a dispatch traces
     stop_event: u32,
-    pad: vec2<u32>,
+    relit: u32,            // 1: the light's power changed
+    pad0: u32,
+    pad1: u32,
+    pad2: u32,
+}
+
+// What is to be done with a photon: from `touched` on its power is found again, from
+// `retraced` on its flights. A full rebuild has both at zero.
+struct Task {
+    touched: u32,
+    retraced: u32,
+}
+
+const NOTHING: u32 = 0xffu;  // beyond any event
+
+fn pack_task(task: Task) -> u32 {
+    return task.touched | (task.retraced << 8u);
+}
+
+fn unpack_task(word: u32) -> Task {
+    return Task(word & 0xffu, (word >> 8u) & 0xffu);
 }
 
 // A photon on its way: packed, as the next slot will store it.
@@ -37,9 +62,8 @@ struct Identity {
     index: u32,
 }
 
-fn identify(photon: u32) -> Identity {
-    let light = light_of(photon);
-    return Identity(light, lights.all[light].stream, photon - lights.all[light].first);
+fn identify(params: PhotonParams, photon: u32) -> Identity {
+    return Identity(params.light, lights.all[params.light].stream, params.first_index + photon);
 }
 
 fn depart_from_light(id: Identity) -> Departure {

@@ -17,13 +17,16 @@ struct Frame {
     cell_mm: vec3<f32>,       // edge of a macro-cell
     step: f32,                // mm between march samples under the linear filter
     visible_bins: vec2<u32>,  // bins with any extinction or emission
-    pad: vec2<u32>,
+    mark_classes: u32,        // of a photon's history (see flight.wgsl)
+    pad: u32,
 }
 
-// What decides a collision, and the historygram bin of a table entry.
+// What decides a collision, the historygram bin of a table entry, and what the edit in
+// progress changes of it.
 struct Optics {
     extinction: f32,  // 1/mm
     bin: u32,
+    changes: u32,
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;

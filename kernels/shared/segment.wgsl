@@ -23,7 +23,7 @@ struct SegmentParams {
     batch_last: u32,        // 1: the colour is finished
     points_begin: u32,      // the part of the sorted points that this dispatch gathers
     points_end: u32,
-    pad: vec2<u32>,
+    query: vec2<u32>,       // bins of the entries that an edit changed
 }
 
 struct Segment {

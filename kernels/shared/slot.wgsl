@@ -75,13 +75,17 @@ fn slot_kind(state: vec4<u32>) -> u32 {
     return state.y >> 30u;
 }
 
+fn slot_entry(state: vec4<u32>) -> u32 {
+    return (state.y >> 18u) & 0xfffu;
+}
+
 fn slot_of(place: vec4<u32>, state: vec4<u32>) -> Slot {
     return Slot(
         slot_kind(state),
         bitcast<vec3<f32>>(place.xyz),
         place.w,
         vec2<u32>(state.x, state.y & 0x3ffffu),
-        (state.y >> 18u) & 0xfffu,
+        slot_entry(state),
         state.zw
     );
 }

@@ -84,6 +84,7 @@ names!(Filter, "filter": Nearest = "nearest", Linear = "linear");
 names!(Method, "method": PhotonMap = "photon-map", Mcvr = "mcvr", Reference = "reference");
 names!(Estimator, "estimator": Points = "points", Fluence = "fluence");
 names!(Weighting, "weighting": Plain = "plain", Even = "even");
+names!(Spatial, "spatial test": Exact = "exact", Axes = "axes", Off = "off");
 names!(Scale, "scale": Small = "small", Medium = "medium", Full = "full");
 names!(Curve, "curve": Filmic = "filmic", Srgb = "srgb");
 
@@ -314,6 +315,17 @@ pub enum Weighting {
     Even,
 }
 
+/// How an update tells which segments see light that changed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Spatial {
+    /// By walking each segment through the blocks of changed light.
+    Exact,
+    /// By the paper's three axis historygrams of 64 bits: exact too, but coarser.
+    Axes,
+    /// Not at all, as the paper measured: stale light stays.
+    Off,
+}
+
 /// How the scene is computed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
@@ -356,6 +368,8 @@ pub struct Settings {
     pub skip_empty: bool,
     /// Whether histories are kept; without them no edit is incremental.
     pub history: bool,
+    /// Which segments an update recomputes because light changed.
+    pub spatial: Spatial,
 }
 
 impl Default for Settings {
@@ -380,6 +394,7 @@ impl Default for Settings {
             flux_unit: None,
             skip_empty: true,
             history: true,
+            spatial: Spatial::Exact,
         }
     }
 }

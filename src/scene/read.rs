@@ -187,6 +187,7 @@ fn settings(s: &Section) -> Result<Settings> {
         "flux_unit",
         "skip_empty",
         "history",
+        "spatial",
     ])?;
     let mut v = Settings::default();
     set(&mut v.method, s.choice("method", Method::NAMES)?);
@@ -208,6 +209,7 @@ fn settings(s: &Section) -> Result<Settings> {
     v.flux_unit = s.number("flux_unit")?;
     set(&mut v.skip_empty, s.flag("skip_empty")?);
     set(&mut v.history, s.flag("history")?);
+    set(&mut v.spatial, s.choice("spatial", Spatial::NAMES)?);
     s.check(v.check())?;
     Ok(v)
 }

@@ -143,6 +143,7 @@ impl Writer {
         self.put_some("flux_unit", s.flux_unit);
         self.put("skip_empty", s.skip_empty);
         self.put("history", s.history);
+        self.put("spatial", s.spatial.to_string());
     }
 
     /// Beyond what a TOML value holds in Rust, not beyond what the reader takes.

@@ -132,7 +132,7 @@ mod tests {
             ((i * 7919 + j * 104_729 + k * 31) % 4096 / (1 + k / 8 * 9)) as u16
         });
         let cells = MacroCells::of(&v);
-        let bins = Bins::uniform();
+        let bins = Bins::uniform(1);
         let mut table = Table::build(&[], v.range(), None);
         for e in 0..TABLE_ENTRIES {
             table.extinction[e] = ((e * 2_654_435_761) % 1000) as f32;

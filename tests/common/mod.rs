@@ -1,6 +1,8 @@
 //! What several tests share.
 #![allow(dead_code)]
 
+pub mod snapshot;
+
 use std::path::PathBuf;
 use std::sync::OnceLock;
 

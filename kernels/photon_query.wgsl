@@ -1,0 +1,56 @@
+// Which photons an edit touches, and from which event on, H(10). A work item is a photon
+// of the batch; its task says what is to be done, its mark whether anything is.
+//
+// Where extinction rose a flight may be stopped: the slot's history tells. Where it fell
+// only those that interacted there are affected: the slot's own entry tells. Another
+// phase function turns what follows; another albedo only weighs it anew.
+
+import package::constants::{CHANGE_FALLEN, CHANGE_PHASE, CHANGE_ALBEDO, GROUP};
+import package::shared::counter::{INVALID, REWEIGHED, count};
+import package::shared::item::item_index;
+import package::shared::photon::{PhotonParams, Task, NOTHING, pack_task};
+import package::shared::scene::optics;
+import package::shared::slot::{EMPTY, INTERACTION, slot_kind, slot_entry};
+
+@group(0) @binding(8) var<uniform> params: PhotonParams;
+@group(0) @binding(9) var<storage, read> states: array<vec4<u32>>;
+@group(0) @binding(10) var<storage, read_write> tasks: array<u32>;
+@group(0) @binding(11) var<storage, read_write> marks: array<u32>;
+
+fn task_of(photon: u32) -> Task {
+    var touched = select(NOTHING, 0u, params.relit == 1u);
+    for (var event = 0u; event < params.max_events; event++) {
+        let state = states[event * params.photons + photon];
+        let kind = slot_kind(state);
+        if kind == EMPTY {
+            // What was never computed carries a history of all ones.
+            if event == 0u && all(state.zw == vec2<u32>(0xffffffffu)) { return Task(0u, 0u); }
+            break;
+        }
+        if any((state.zw & params.risen) != vec2<u32>(0u)) { return Task(min(touched, event), event); }
+        if kind != INTERACTION { break; }
+        let changes = optics[slot_entry(state)].changes;
+        if (changes & CHANGE_FALLEN) != 0u { return Task(min(touched, event), event); }
+        let next = event + 1u;
+        if next == params.max_events { break; }
+        if (changes & CHANGE_ALBEDO) != 0u { touched = min(touched, next); }
+        if (changes & CHANGE_PHASE) != 0u { return Task(min(touched, next), next); }
+    }
+    return Task(touched, NOTHING);
+}
+
+@compute @workgroup_size(GROUP)
+fn main(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let photon = item_index(group, groups, local);
+    if photon == params.photons { marks[photon] = 0u; }  // the scan leaves the total here
+    if photon >= params.photons { return; }
+    let task = task_of(photon);
+    tasks[photon] = pack_task(task);
+    marks[photon] = u32(task.touched != NOTHING);
+    count(INVALID, u32(task.retraced != NOTHING));
+    count(REWEIGHED, u32(task.touched < task.retraced));
+}

@@ -1,0 +1,154 @@
+//! Edits measured: each applied as an update, beside full rebuilds of the edited scene.
+
+use std::time::Instant;
+
+use crate::error::Result;
+use crate::film::Image;
+use crate::frame::DeviceScene;
+use crate::gpu::Gpu;
+use crate::gpu::run::{Timing, milliseconds};
+use crate::render::{Progress, Split};
+use crate::scene::Scene;
+use crate::segment::LightField;
+use crate::update::{PhotonFrame, Scope, Updated};
+use crate::volume::Volume;
+
+/// Time by stage.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Cost {
+    /// Time in each kernel.
+    pub stages: Vec<Timing>,
+    /// Wall-clock time, ms.
+    pub total: f64,
+}
+
+/// What an update left that a rebuild would not have: all zero, or a bug.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Mismatches {
+    /// Photon slots that differ, histories aside.
+    pub photon_mismatches: u64,
+    /// Cells of the fluence, or points, that differ.
+    pub field_mismatches: u64,
+    /// Segments that differ, histories aside.
+    pub segment_mismatches: u64,
+    /// Pixels that differ.
+    pub pixel_mismatches: u64,
+}
+
+/// One edit, as an update and as a full rebuild.
+#[derive(Clone, Debug)]
+pub struct Measured {
+    /// What the edit could reach.
+    pub scope: Scope,
+    /// What the update did.
+    pub updated: Updated,
+    /// Visits of the full rebuild.
+    pub full_visits: u64,
+    /// The fastest full rebuild: no histories, no lists, no comparing.
+    pub full: Cost,
+    /// Edit and update.
+    pub incremental: Cost,
+    /// Against a rebuild by the same kernels, where that was asked for.
+    pub mismatches: Option<Mismatches>,
+}
+
+/// Applies an edited scene to a frame, and measures that against full rebuilds.
+///
+/// # Errors
+/// The edit does not suit the frame; memory does not suffice; the device failed.
+pub fn measure(
+    gpu: &Gpu,
+    frame: &mut PhotonFrame,
+    scene: &Scene,
+    volume: &Volume,
+    verify: bool,
+    progress: &mut Progress,
+) -> Result<Measured> {
+    let split = Split::default();
+    gpu.take_timings();
+    let begun = Instant::now();
+    let scope = frame.edit(gpu, scene, &split)?;
+    let updated = frame.update(gpu, &split, progress)?;
+    let incremental = cost(gpu, begun);
+
+    let mut plain = scene.clone();
+    plain.settings.history = false;
+    // Kernels are compiled and memory is there before the clock runs, as for the update.
+    let mut fastest = fresh(gpu, &plain, volume)?;
+    gpu.take_timings();
+    let begun = Instant::now();
+    let full_visits = fastest.rebuild(gpu, &split, progress)?.counts.visits();
+    let full = cost(gpu, begun);
+    drop(fastest);
+
+    let mismatches = match verify {
+        false => None,
+        true => {
+            let mut rebuilt = fresh(gpu, scene, volume)?;
+            rebuilt.rebuild(gpu, &split, progress)?;
+            Some(compare(gpu, frame, &rebuilt)?)
+        }
+    };
+    Ok(Measured { scope, updated, full_visits, full, incremental, mismatches })
+}
+
+/// A frame with one ray a pixel, of which nothing is computed yet.
+///
+/// # Errors
+/// Memory does not suffice.
+pub fn fresh(gpu: &Gpu, scene: &Scene, volume: &Volume) -> Result<PhotonFrame> {
+    let device = DeviceScene::new(gpu, scene, volume)?;
+    PhotonFrame::new(gpu, scene, device, 1, &Split::default())
+}
+
+fn cost(gpu: &Gpu, begun: Instant) -> Cost {
+    let total = milliseconds(begun.elapsed());
+    Cost { stages: gpu.take_timings().rows().to_vec(), total }
+}
+
+/// What differs between two frames of the same scene.
+///
+/// # Errors
+/// The device failed.
+pub fn compare(gpu: &Gpu, one: &PhotonFrame, other: &PhotonFrame) -> Result<Mismatches> {
+    let mut found = Mismatches::default();
+    found.photon_mismatches += one.map.batches.len().abs_diff(other.map.batches.len()) as u64;
+    for (a, b) in one.map.batches.iter().zip(&other.map.batches) {
+        let read = |buffer| gpu.read::<[u32; 4]>("verify", buffer);
+        let (p, q) = (read(&a.places)?, read(&b.places)?);
+        let (s, t) = (read(&a.states)?, read(&b.states)?);
+        let same = |i: usize| p[i] == q[i] && s[i][..2] == t[i][..2];
+        found.photon_mismatches += p.len().abs_diff(q.len()) as u64;
+        found.photon_mismatches += (0..p.len().min(q.len())).filter(|&i| !same(i)).count() as u64;
+    }
+    found.field_mismatches = match (&one.field, &other.field) {
+        (LightField::Fluence(a), LightField::Fluence(b)) => {
+            let ([a, b, c], [d, e, f]) = (a.read(gpu)?, b.read(gpu)?);
+            differing(&a, &d).max(differing(&b, &e)).max(differing(&c, &f))
+        }
+        (LightField::Points(a), LightField::Points(b)) => differing(&a.read(gpu)?, &b.read(gpu)?),
+        _ => u64::MAX,
+    };
+    let segments = |frame: &PhotonFrame| -> Result<Vec<[u32; 4]>> {
+        let all = frame.segments.read(gpu)?;
+        Ok(all
+            .iter()
+            .map(|s| [s.red, s.green, s.blue, s.transmittance].map(f32::to_bits))
+            .collect())
+    };
+    found.segment_mismatches = differing(&segments(one)?, &segments(other)?);
+    found.pixel_mismatches =
+        differing_pixels(&one.segments.image(gpu)?, &other.segments.image(gpu)?);
+    Ok(found)
+}
+
+/// How many pixels of two images differ in any bit.
+pub fn differing_pixels(one: &Image, other: &Image) -> u64 {
+    let bits = |image: &Image| image.rgb.iter().map(|p| p.map(f32::to_bits)).collect::<Vec<_>>();
+    differing(&bits(one), &bits(other))
+}
+
+fn differing<T: PartialEq>(one: &[T], other: &[T]) -> u64 {
+    let pairs = one.iter().zip(other).filter(|(a, b)| a != b).count();
+    (pairs + one.len().abs_diff(other.len())) as u64
+}

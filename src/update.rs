@@ -1,0 +1,458 @@
+//! The photon map of one scene on the device, and how an edit is applied to it.
+//!
+//! [`PhotonFrame::edit`] takes an edited scene and notes what that changes;
+//! [`PhotonFrame::update`] then computes again what the change touches, and leaves every
+//! slot, the light field, the segments and the image as a rebuild from nothing would,
+//! bit for bit. A rebuild is an update of which everything was never computed.
+//!
+//! What an edit changes stays noted until an update has come to its end. An update may be
+//! abandoned at any boundary of its stages, and another edit made: the next one asks for
+//! what either changed, and that is all there is to clean up.
+
+use crate::dirty::Dirty;
+use crate::error::{Error, Result};
+use crate::fluence::Fluence;
+use crate::frame::DeviceScene;
+use crate::gpu::Gpu;
+use crate::light::Lights;
+use crate::photon::{CounterBuffer, Counters, PhotonMap, PhotonParams};
+use crate::points::Points;
+use crate::query::{CHANGE_EMISSION, CHANGE_FALLEN, CHANGE_RISEN, Query};
+use crate::render::{Progress, Split};
+use crate::scene::{Estimator, Scene, Weighting};
+use crate::segment::{LightField, SegmentMap, SegmentStage};
+
+/// What an edit can reach.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub enum Scope {
+    /// Nothing that anybody could see.
+    Nothing,
+    /// What its query finds.
+    Part,
+    /// Everything, and why.
+    Everything(&'static str),
+}
+
+/// What an update did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Updated {
+    /// Whether it came to its end; else it was abandoned.
+    pub finished: bool,
+    /// Photons in all.
+    pub photons: u64,
+    /// Photons that were traced or weighed again.
+    pub listed: u64,
+    /// Segments computed again.
+    pub recomputed: u64,
+    /// Segments in all.
+    pub segments: u64,
+    /// What the stages counted, from the edit on.
+    pub counts: Counters,
+}
+
+/// Everything that the photon map of one scene keeps on the device.
+pub struct PhotonFrame {
+    /// The scene.
+    pub scene: DeviceScene,
+    /// Its photons.
+    pub map: PhotonMap,
+    /// Its light field.
+    pub field: LightField,
+    /// Its view-ray segments.
+    pub segments: SegmentMap,
+    /// The light field, with its weighting.
+    pub estimator: &'static str,
+    source: Scene,
+    dirty: Dirty,
+    counters: CounterBuffer,
+    /// What changed since the last update that came to its end.
+    query: Query,
+    /// Something changed that the query does not tell.
+    pending: bool,
+    /// Nothing was ever computed, or an error left it in pieces.
+    fresh: bool,
+}
+
+impl PhotonFrame {
+    /// Room for everything; nothing is computed yet.
+    ///
+    /// # Errors
+    /// Memory does not suffice, or the estimator does not suit the scene.
+    pub fn new(
+        gpu: &Gpu,
+        scene: &Scene,
+        device: DeviceScene,
+        rays: u32,
+        split: &Split,
+    ) -> Result<Self> {
+        let settings = &scene.settings;
+        let chosen = settings.estimator.unwrap_or(match device.table.is_isotropic() {
+            true => Estimator::Fluence,
+            false => Estimator::Points,
+        });
+        suits(chosen, &device)?;
+        let (field, estimator, reach) = match chosen {
+            Estimator::Fluence => {
+                (LightField::Fluence(Fluence::new(gpu, &device, settings)?), "fluence", 0.0)
+            }
+            Estimator::Points => {
+                let spacing = device.frame.per_voxel.map(|n| 1.0 / f64::from(n));
+                let smallest = spacing.iter().copied().fold(f64::INFINITY, f64::min);
+                let radius = settings.radius.unwrap_or(smallest);
+                let name = match settings.weighting {
+                    Weighting::Plain => "points plain",
+                    Weighting::Even => "points even",
+                };
+                let points = Points::new(gpu, &device, settings, radius)?;
+                (LightField::Points(points), name, radius as f32)
+            }
+        };
+        let points = matches!(field, LightField::Points(_));
+        let map = PhotonMap::new(gpu, &device, &light_ids(scene), settings, points, split)?;
+        let segments = SegmentMap::new(gpu, scene, &device, &field, rays, split)?;
+        Ok(Self {
+            dirty: Dirty::new(gpu, &device, reach, settings.spatial)?,
+            counters: CounterBuffer::new(gpu)?,
+            source: scene.clone(),
+            query: Query::default(),
+            pending: true,
+            fresh: true,
+            scene: device,
+            map,
+            field,
+            segments,
+            estimator,
+        })
+    }
+
+    /// Computes everything: an edit that touches everything.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn rebuild(
+        &mut self,
+        gpu: &Gpu,
+        split: &Split,
+        progress: &mut Progress,
+    ) -> Result<Updated> {
+        self.forget(gpu)?;
+        self.counters.clear(gpu);
+        self.update(gpu, split, progress)
+    }
+
+    /// What the stages counted since the last edit or rebuild began.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn counts(&self, gpu: &Gpu) -> Result<Counters> {
+        self.counters.read(gpu)
+    }
+
+    /// Takes an edited scene; an update must follow. Materials, lights, camera and
+    /// background may differ from what is shown.
+    ///
+    /// # Errors
+    /// Something else differs, or the estimator does not suit the scene: nothing has
+    /// happened then. Memory does not suffice or the device failed: the next update
+    /// rebuilds everything.
+    pub fn edit(&mut self, gpu: &Gpu, scene: &Scene, split: &Split) -> Result<Scope> {
+        if !self.source.settings.history {
+            return Err(Error::setting("without histories (`history`) no edit can be applied"));
+        }
+        let size = |s: &Scene| (s.camera.width, s.camera.height);
+        if (&scene.settings, &scene.volume, scene.filter, size(scene))
+            != (&self.source.settings, &self.source.volume, self.source.filter, size(&self.source))
+        {
+            return Err(Error::setting(
+                "an edit cannot change settings, volume, filter or image size: render anew",
+            ));
+        }
+        let table = self.scene.table_of(scene);
+        let chosen = match self.field {
+            LightField::Fluence(_) => Estimator::Fluence,
+            LightField::Points(_) => Estimator::Points,
+        };
+        if scene.settings.estimator.is_none()
+            && table.is_isotropic() != (chosen == Estimator::Fluence)
+        {
+            return Err(Error::setting(
+                "the edit asks for another estimator, since phase_g is 0 everywhere or not: name \
+                 `estimator` in [settings]",
+            ));
+        }
+        if chosen == Estimator::Fluence && !table.is_isotropic() {
+            return Err(not_isotropic());
+        }
+        let lights = Lights::of(scene, &self.scene.local_from_world)?;
+        let result = self.apply(gpu, scene, (table, lights), split);
+        if result.is_err() {
+            self.fresh = true;
+        }
+        result
+    }
+
+    fn apply(
+        &mut self,
+        gpu: &Gpu,
+        scene: &Scene,
+        (table, lights): (crate::transfer::Table, Lights),
+        split: &Split,
+    ) -> Result<Scope> {
+        self.counters.clear(gpu);
+        let suits = self.scene.suits(&table);
+        let change =
+            Query::between(&self.scene.table, &table, &self.scene.bins, self.scene.frame.majorant);
+        let relit = self.relight(gpu, scene, &lights, split)?;
+        self.query.add(&change);
+        self.scene.edit(gpu, table, lights, &self.query);
+        self.map.arrange(gpu, &self.scene.lights, &light_ids(scene))?;
+        let moved = self.segments.look(gpu, scene, &self.scene)?;
+        let repainted = scene.background != self.source.background;
+        self.source = scene.clone();
+        if !suits {
+            self.map.respecialise(gpu, &self.scene)?;
+            if let LightField::Points(points) = &mut self.field {
+                points.respecialise(gpu, &self.scene)?;
+            }
+            self.segments.respecialise(gpu, &self.scene, &self.field)?;
+            self.forget(gpu)?;
+            return Ok(Scope::Everything(
+                "the scene is the first or the last with emission or anisotropic scattering: \
+                 other kernels",
+            ));
+        }
+        let touched = relit || moved || repainted || !change.is_empty();
+        self.pending |= touched;
+        Ok(if touched { Scope::Part } else { Scope::Nothing })
+    }
+
+    /// Applies edits of lights: the photons of those that moved or went are withdrawn, of
+    /// those that only shine otherwise noted. Returns whether any light changed.
+    fn relight(
+        &mut self,
+        gpu: &Gpu,
+        scene: &Scene,
+        lights: &Lights,
+        split: &Split,
+    ) -> Result<bool> {
+        let before = self.scene.lights;
+        let ids = light_ids(&self.source);
+        let mut changed = light_ids(scene) != ids;
+        for (id, old) in ids.iter().zip(&before.all) {
+            let at = scene.lights.iter().position(|light| light.id == *id);
+            let new = at.map(|at| lights.all[at]);
+            let stays = new.filter(|new| {
+                let same_place = crate::light::Light { radiance: old.radiance, ..*new };
+                same_place == *old
+            });
+            changed |= new != Some(*old);
+            for i in 0..self.map.batches.len() {
+                if self.map.batches[i].light_id != *id {
+                    continue;
+                }
+                match stays {
+                    Some(new) => self.map.batches[i].relit |= new.radiance != old.radiance,
+                    None => self.withdraw(gpu, i, split)?,
+                }
+            }
+        }
+        Ok(changed)
+    }
+
+    /// Takes the photons of a batch out of the light field, and forgets them.
+    fn withdraw(&mut self, gpu: &Gpu, index: usize, split: &Split) -> Result<()> {
+        self.map.batches[index].list_all(gpu, split.shuffle)?;
+        let batch = &self.map.batches[index];
+        match &self.field {
+            LightField::Fluence(fluence) if fluence.current => {
+                let params = PhotonParams { sign: -1, ..self.map.params(batch) };
+                let slots = (params, batch.bindings());
+                let silent = &mut Progress::silent();
+                fluence.deposit(gpu, &self.scene, slots, &self.counters, silent)?;
+            }
+            LightField::Fluence(_) => {}
+            LightField::Points(_) => {
+                self.map.blank_journal(gpu)?;
+                for part in self.map.parts(batch) {
+                    self.map.compare(gpu, batch, &part, (&self.counters, &self.dirty), -1)?;
+                }
+            }
+        }
+        let batch = &mut self.map.batches[index];
+        (batch.stale, batch.relit) = (true, false);
+        batch.forget(gpu)
+    }
+
+    /// Marks everything as never computed.
+    fn forget(&mut self, gpu: &Gpu) -> Result<()> {
+        for batch in &mut self.map.batches {
+            batch.forget(gpu)?;
+            (batch.stale, batch.relit) = (true, false);
+        }
+        self.segments.forget(gpu)?;
+        (self.fresh, self.pending) = (true, true);
+        Ok(())
+    }
+
+    /// Computes what edits have touched since the last update that came to its end, unless
+    /// `progress` has it abandoned on the way.
+    ///
+    /// # Errors
+    /// The device failed; the next update rebuilds everything.
+    pub fn update(&mut self, gpu: &Gpu, split: &Split, progress: &mut Progress) -> Result<Updated> {
+        let result = self.stages(gpu, split, progress);
+        if result.is_err() {
+            self.fresh = true;
+        }
+        result
+    }
+
+    fn stages(&mut self, gpu: &Gpu, split: &Split, progress: &mut Progress) -> Result<Updated> {
+        let mut done = Updated {
+            photons: self.scene.lights.photons.into(),
+            segments: self.segments.count(),
+            ..Default::default()
+        };
+        if self.pending {
+            if self.fresh {
+                self.forget(gpu)?;
+            }
+            done.listed = self.list_photons(gpu, split)?;
+            if !self.photons(gpu, done.listed, progress)? || progress.stops("light field") {
+                return Ok(done);
+            }
+            self.light_field(gpu, progress)?;
+            if progress.stops("segments") {
+                return Ok(done);
+            }
+            [done.recomputed, done.segments] = self.view(gpu, split, progress)?;
+            self.settle(gpu)?;
+        }
+        (done.finished, done.counts) = (true, self.counts(gpu)?);
+        Ok(done)
+    }
+
+    /// Lists the photons that are to be traced or weighed again; returns how many.
+    fn list_photons(&mut self, gpu: &Gpu, split: &Split) -> Result<u64> {
+        let blind = self.query.changes.iter().all(|c| c & !CHANGE_EMISSION == 0);
+        for i in 0..self.map.batches.len() {
+            if self.fresh {
+                self.map.batches[i].list_all(gpu, split.shuffle)?;
+            } else if blind && !self.map.batches[i].relit && !self.map.batches[i].stale {
+                self.map.batches[i].list.count = 0;
+            } else {
+                let what = (i, self.query.risen);
+                self.map.list(gpu, &self.scene, &self.counters, what, split)?;
+            }
+        }
+        Ok(self.map.batches.iter().map(|batch| u64::from(batch.list.count)).sum())
+    }
+
+    /// Traces and weighs the listed photons. Their flights leave the fluence and come back
+    /// to it part by part, or, where there are many, all is summed anew in the end.
+    fn photons(&mut self, gpu: &Gpu, listed: u64, progress: &mut Progress) -> Result<bool> {
+        let many = 2 * listed > u64::from(self.scene.lights.photons);
+        if let LightField::Fluence(fluence) = &mut self.field {
+            fluence.current &= !(self.fresh || many);
+        }
+        for i in 0..self.map.batches.len() {
+            let count = self.map.batches[i].list.count;
+            self.map.batches[i].stale |= count > 0;
+            let batch = &self.map.batches[i];
+            if self.fresh {
+                let all = (batch, 0..count, false);
+                self.map.trace(gpu, &self.scene, &self.counters, all, progress)?;
+                continue;
+            }
+            for part in self.map.parts(batch) {
+                if progress.stops("photons") {
+                    return Ok(false);
+                }
+                self.map.copy(gpu, batch, &part, 1)?;
+                let listed = (batch, part.clone(), true);
+                self.map.trace(gpu, &self.scene, &self.counters, listed, progress)?;
+                self.map.compare(gpu, batch, &part, (&self.counters, &self.dirty), 1)?;
+                if let LightField::Fluence(fluence) = &self.field
+                    && fluence.current
+                {
+                    let move_flights = |slots, silent: &mut Progress| {
+                        fluence.deposit(gpu, &self.scene, slots, &self.counters, silent)
+                    };
+                    let part = self.map.journal_params(batch, &part);
+                    let old = PhotonParams { sign: -1, ..part };
+                    let new = PhotonParams { journal: 0, ..part };
+                    move_flights((old, self.map.journal_bindings(batch)), progress)?;
+                    move_flights((new, batch.bindings()), progress)?;
+                }
+            }
+        }
+        Ok(true)
+    }
+
+    /// Brings the light field up to date, and marks where light changed.
+    fn light_field(&mut self, gpu: &Gpu, progress: &mut Progress) -> Result<()> {
+        match &mut self.field {
+            LightField::Points(points) => {
+                let reached = self.query.changes.iter().any(|c| c & points.columns() != 0);
+                let map = (&mut self.map, self.fresh || reached);
+                points.build(gpu, &self.scene, map, &self.dirty, progress)
+            }
+            LightField::Fluence(fluence) => {
+                if !fluence.current {
+                    let map = &mut self.map;
+                    fluence.sum_all(gpu, &self.scene, map, &self.counters, progress)?;
+                }
+                fluence.resolve(gpu, &self.dirty)
+            }
+        }
+    }
+
+    /// Computes the segments that read what changed or see light that did, and the image.
+    fn view(&mut self, gpu: &Gpu, split: &Split, progress: &mut Progress) -> Result<[u64; 2]> {
+        let read = match self.field {
+            LightField::Fluence(_) => u32::MAX,
+            LightField::Points(_) => CHANGE_RISEN | CHANGE_FALLEN | CHANGE_EMISSION,
+        };
+        self.dirty.project(gpu)?;
+        let stage = SegmentStage {
+            gpu,
+            device: &self.scene,
+            field: &self.field,
+            dirty: &self.dirty,
+            counters: &self.counters,
+        };
+        let query = self.query.mask(read, &self.scene.bins);
+        self.segments.update(&stage, query, split, progress)
+    }
+
+    /// All is as the scene has it: nothing remains noted.
+    fn settle(&mut self, gpu: &Gpu) -> Result<()> {
+        self.query = Query::default();
+        self.map.batches.iter_mut().for_each(|b| (b.relit, b.stale) = (false, false));
+        (self.fresh, self.pending) = (false, false);
+        self.dirty.clear(gpu)
+    }
+
+    /// Bytes of lists, journal and marks: what updates need beside slots and segments.
+    pub fn update_bytes(&self) -> u64 {
+        self.map.list_bytes() + self.segments.list_bytes() + self.dirty.bytes()
+    }
+}
+
+fn light_ids(scene: &Scene) -> Vec<u32> {
+    scene.lights.iter().map(|light| light.id).collect()
+}
+
+fn not_isotropic() -> Error {
+    Error::setting(
+        "the `fluence` estimator knows isotropic scattering only, and a material has phase_g other \
+         than 0: use `estimator = \"points\"`",
+    )
+}
+
+fn suits(estimator: Estimator, device: &DeviceScene) -> Result<()> {
+    match estimator {
+        Estimator::Fluence if !device.table.is_isotropic() => Err(not_isotropic()),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,126 @@
+//! Work lists: the items that an update works on, compacted by a prefix sum.
+
+use std::sync::Arc;
+
+use crate::error::Result;
+use crate::gpu::Gpu;
+use crate::gpu::kernel::Kernel;
+use crate::gpu::layout::shared_struct;
+use crate::gpu::scan::Scanner;
+use crate::light::hash;
+
+shared_struct! {
+    /// What the compaction kernel is told.
+    pub struct ListParams {
+        /// Items that may be marked.
+        pub count: u32,
+    }
+}
+
+shared_struct! {
+    /// What the fill kernel is told.
+    pub struct FillParams {
+        /// The pattern's first four words.
+        pub low: [u32; 4],
+        /// The pattern's other words.
+        pub high: [u32; 4],
+        /// Words of the pattern.
+        pub period: u32,
+        /// Words to fill.
+        pub count: u32,
+        /// Keeps the size a multiple of 16.
+        pub pad0: u32,
+        /// The same.
+        pub pad1: u32,
+    }
+}
+
+/// Some of `capacity` items, each once.
+pub struct WorkList {
+    /// The listed items: the first `count` words.
+    pub items: wgpu::Buffer,
+    /// A word for each item and one more; 1 where the item is to be listed. Compaction
+    /// turns them into ranks.
+    pub marks: wgpu::Buffer,
+    /// How many are listed.
+    pub count: u32,
+    capacity: u32,
+    scanner: Scanner,
+    list: Arc<Kernel>,
+}
+
+impl WorkList {
+    /// An empty list.
+    ///
+    /// # Errors
+    /// The device refuses the memory.
+    pub fn new(gpu: &Gpu, capacity: u32) -> Result<Self> {
+        Ok(Self {
+            items: gpu.buffer::<u32>("work list", capacity as usize)?,
+            marks: gpu.buffer::<u32>("work list marks", capacity as usize + 1)?,
+            count: 0,
+            capacity,
+            scanner: Scanner::new(gpu, capacity + 1)?,
+            list: gpu.kernel("list", &[])?,
+        })
+    }
+
+    /// Lists all items; `shuffle` puts them in another order.
+    pub fn fill(&mut self, gpu: &Gpu, shuffle: Option<u64>) {
+        self.count = self.capacity;
+        gpu.write(&self.items, &shuffled((0..self.capacity).collect(), shuffle));
+    }
+
+    /// Lists the marked items.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn compact(&mut self, gpu: &Gpu, shuffle: Option<u64>) -> Result<()> {
+        let mut stage = gpu.stage("list");
+        self.scanner.record(&mut stage, &self.marks, self.capacity + 1)?;
+        let bindings = [("ranks", (&self.marks).into()), ("work", (&self.items).into())];
+        let params = ListParams { count: self.capacity };
+        stage.dispatch(&self.list, self.capacity.into(), &bindings, &params)?;
+        stage.finish()?;
+        self.count = gpu.read_word("list", &self.marks, self.capacity.into())?;
+        if shuffle.is_some() {
+            let mut items = gpu.read::<u32>("list", &self.items)?;
+            items.truncate(self.count as usize);
+            gpu.write(&self.items, &shuffled(items, shuffle));
+        }
+        Ok(())
+    }
+
+    /// Bytes of items and marks.
+    pub fn bytes(&self) -> u64 {
+        self.items.size() + self.marks.size()
+    }
+}
+
+fn shuffled(mut items: Vec<u32>, seed: Option<u64>) -> Vec<u32> {
+    if let Some(seed) = seed {
+        for i in (1..items.len()).rev() {
+            let other = hash(seed ^ (i as u64) << 20) as usize % (i + 1);
+            items.swap(i, other);
+        }
+    }
+    items
+}
+
+/// Fills a buffer of words with a repeating pattern of at most eight.
+///
+/// # Errors
+/// The device failed.
+pub fn fill(gpu: &Gpu, stage: &'static str, buffer: &wgpu::Buffer, pattern: &[u32]) -> Result<()> {
+    let mut words = [0; 8];
+    words[..pattern.len()].copy_from_slice(pattern);
+    let [a, b, c, d, e, f, g, h] = words;
+    let count = (buffer.size() / 4) as u32;
+    let period = pattern.len() as u32;
+    let params =
+        FillParams { low: [a, b, c, d], high: [e, f, g, h], period, count, ..Default::default() };
+    let kernel = gpu.kernel("fill", &[])?;
+    let mut stage = gpu.stage(stage);
+    stage.dispatch(&kernel, count.into(), &[("data", buffer.into())], &params)?;
+    stage.finish()
+}

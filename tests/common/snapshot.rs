@@ -1,0 +1,96 @@
+//! Everything that a frame holds, bit for bit.
+
+use photogram::frame::DeviceScene;
+use photogram::gpu::Gpu;
+use photogram::photon::Counters;
+use photogram::render::{Progress, Split};
+use photogram::scene::Scene;
+use photogram::segment::{LightField, Segment};
+use photogram::update::PhotonFrame;
+use photogram::volume::Volume;
+
+/// Everything that a rebuild leaves on the device, in an order of its own.
+pub struct Snapshot {
+    /// (place, state) of event k of photon p, photon by photon.
+    pub slots: Vec<[[u32; 4]; 2]>,
+    /// The light field's words.
+    pub field: Vec<[u32; 8]>,
+    pub segments: Vec<[u32; 6]>,
+    pub pixels: Vec<[u32; 3]>,
+    pub counts: Counters,
+}
+
+pub fn rebuild(gpu: &Gpu, scene: &Scene, volume: &Volume, split: &Split) -> Snapshot {
+    let device = DeviceScene::new(gpu, scene, volume).expect("uploads");
+    let mut frame = PhotonFrame::new(gpu, scene, device, scene.settings.rays, split).expect("fits");
+    frame.rebuild(gpu, split, &mut Progress::silent()).expect("rebuilds");
+    snapshot(gpu, &frame)
+}
+
+/// What the frame holds now.
+pub fn snapshot(gpu: &Gpu, frame: &PhotonFrame) -> Snapshot {
+    let mut slots = Vec::new();
+    for batch in &frame.map.batches {
+        let places = gpu.read::<[u32; 4]>("places", &batch.places).expect("reads");
+        let states = gpu.read::<[u32; 4]>("states", &batch.states).expect("reads");
+        let n = batch.photons as usize;
+        for p in 0..n {
+            let events = 0..frame.map.max_events as usize;
+            slots.extend(events.map(|k| [places[k * n + p], states[k * n + p]]));
+        }
+    }
+    let mut field: Vec<[u32; 8]> = match &frame.field {
+        LightField::Points(points) => {
+            let sorted = points.read(gpu).expect("reads");
+            sorted.into_iter().map(|(a, b)| bytemuck::cast([a, b])).collect()
+        }
+        LightField::Fluence(fluence) => {
+            let [r, g, b] = fluence.read(gpu).expect("reads");
+            let cell = |i: usize| bytemuck::cast([r[i], g[i], b[i], 0]);
+            (0..r.len()).map(cell).collect()
+        }
+    };
+    if matches!(frame.field, LightField::Points(_)) && frame.map.batches.len() > 1 {
+        // Each batch is sorted on its own; together they hold the same points.
+        field.sort_unstable();
+    }
+    let segments = frame.segments.read(gpu).expect("reads");
+    let image = frame.segments.image(gpu).expect("reads");
+    Snapshot {
+        slots,
+        field,
+        segments: segments.iter().map(|s: &Segment| bytemuck::cast(*s)).collect(),
+        pixels: image.rgb.iter().map(|p| p.map(f32::to_bits)).collect(),
+        counts: frame.counts(gpu).expect("reads"),
+    }
+}
+
+impl Snapshot {
+    pub fn without_histories(mut self) -> Self {
+        for [_, state] in &mut self.slots {
+            (state[2], state[3]) = (0, 0);
+        }
+        for segment in &mut self.segments {
+            (segment[4], segment[5]) = (0, 0);
+        }
+        self
+    }
+
+    pub fn points_in_any_order(mut self) -> Self {
+        self.field.sort_unstable();
+        self
+    }
+
+    /// Which part differs first, if any.
+    pub fn difference(&self, other: &Self) -> Option<&'static str> {
+        if self.slots != other.slots {
+            Some("slots")
+        } else if self.field != other.field {
+            Some("light field")
+        } else if self.segments != other.segments {
+            Some("segments")
+        } else {
+            (self.pixels != other.pixels).then_some("pixels")
+        }
+    }
+}
