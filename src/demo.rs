@@ -1,8 +1,10 @@
-//! The demonstration: the hand phantom, before and after a bone edit and a vessel edit.
+//! The demonstration: the hand phantom, then a bone edit and a vessel edit as updates.
 
 use crate::error::Result;
+use crate::film::Image;
 use crate::gpu::Gpu;
-use crate::render::{Progress, Rendered, Split, render};
+use crate::measure::{Measured, fresh, measure};
+use crate::render::{Progress, Split};
 use crate::scene::{Scale, Scene, VolumeSource};
 use crate::volume::phantom::Phantom;
 
@@ -10,13 +12,15 @@ use crate::volume::phantom::Phantom;
 pub struct Shot {
     /// `before`, or the edit's name.
     pub name: String,
-    /// The scene as rendered.
+    /// The scene as shown.
     pub scene: Scene,
-    /// The picture and what it cost.
-    pub rendered: Rendered,
+    /// The picture, one ray a pixel as in editing.
+    pub image: Image,
+    /// The edit that led to it, checked against a rebuild.
+    pub measured: Option<Measured>,
 }
 
-/// Renders the hand before and after each of its edits, by full rebuilds.
+/// Renders the hand, and applies each of its edits.
 ///
 /// # Errors
 /// The device failed.
@@ -26,19 +30,21 @@ pub fn run(gpu: &Gpu, progress: &mut Progress) -> Result<Vec<Shot>> {
     scene.scale(Scale::Small);
     scene.volume = VolumeSource::Phantom { phantom: Phantom::Hand, size: 128 };
     (scene.camera.width, scene.camera.height) = (384, 384);
-    scene.settings.rays = 4;
+    scene.settings.rays = 1;
     let volume = scene.volume.load()?;
     scene.settle(&volume);
+    let mut frame = fresh(gpu, &scene, &volume)?;
+    frame.rebuild(gpu, &Split::default(), progress)?;
+    let image = frame.segments.image(gpu)?;
     let edits: Vec<_> = scene.edits.iter().map(|edit| edit.name.clone()).collect();
-    let mut shots = vec![("before".to_owned(), scene.clone())];
+    let before = scene.clone();
+    let mut shots = vec![Shot { name: "before".to_owned(), scene, image, measured: None }];
     for name in edits {
-        let edited = scene.edited(&name)?;
-        shots.push((name, edited));
+        // Each edit is made to the first scene: between two of them the one before is undone.
+        let scene = before.edited(&name)?;
+        let measured = Some(measure(gpu, &mut frame, &scene, &volume, true, progress)?);
+        let image = frame.segments.image(gpu)?;
+        shots.push(Shot { name, scene, image, measured });
     }
-    let mut done = Vec::new();
-    for (name, scene) in shots {
-        let rendered = render(gpu, &scene, &volume, &Split::default(), progress)?;
-        done.push(Shot { name, scene, rendered });
-    }
-    Ok(done)
+    Ok(shots)
 }

@@ -52,7 +52,8 @@ pub struct Fluence {
     edge: [f32; 3],
     /// Whether the sums are those of the slots; else all is summed again.
     pub current: bool,
-    sums: [wgpu::Buffer; 3],
+    /// The sums: red, green, blue.
+    pub sums: [wgpu::Buffer; 3],
     field: wgpu::Buffer,
     before: wgpu::TextureView,
     view: wgpu::TextureView,

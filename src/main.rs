@@ -31,7 +31,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Renders the hand phantom, before and after a bone edit and a vessel edit
+    /// Renders the hand phantom, then a bone edit and a vessel edit as updates
     Demo {
         /// Where the pictures go
         #[arg(long, default_value = "out/demo")]
@@ -279,6 +279,7 @@ fn run_edit(adapter: &AdapterChoice, args: &EditArgs) -> Result<()> {
         })?;
         done.push((name.as_str(), measured));
     }
+    let done: Vec<_> = done.iter().map(|(name, m)| (*name, m)).collect();
     let image = frame.segments.image(&gpu)?;
     if let Some((out, format)) = args.out.as_deref().zip(format) {
         let notes = Notes { scene: scene.to_toml(), ..Default::default() };
@@ -333,7 +334,7 @@ fn percent(part: u64, whole: u64) -> f64 {
     100.0 * part as f64 / whole.max(1) as f64
 }
 
-fn edit_table(done: &[(&str, Measured)]) -> Table {
+fn edit_table(done: &[(&str, &Measured)]) -> Table {
     let mut table = Table::new();
     table.load_style(presets::NOTHING).set_header([
         "edit",
@@ -396,41 +397,43 @@ fn run_demo(adapter: &AdapterChoice, out: &Path, json: Option<&Path>) -> Result<
     let gpu = Gpu::open(adapter)?;
     say(format_args!("adapter: {} ({})", gpu.report().name, gpu.report().kind))?;
     let shots = with_progress(|progress| demo::run(&gpu, progress))?;
-    let mut table = Table::new();
-    table.load_style(presets::NOTHING).set_header(demo_header(&shots));
     for shot in &shots {
         let path = out.join(format!("{}.png", shot.name));
-        let notes =
-            Notes { scene: shot.scene.to_toml(), provenance: provenance(&shot.rendered.report) };
+        let notes = Notes { scene: shot.scene.to_toml(), ..Default::default() };
         make_folder(&path)?;
-        shot.rendered.image.write(&path, shot.scene.film, &notes)?;
-        table.add_row(demo_row(shot));
+        shot.image.write(&path, shot.scene.film, &notes)?;
         say(path.display())?;
     }
+    let edits = shots.iter().filter_map(|s| Some((s.name.as_str(), s.measured.as_ref()?)));
+    let edits: Vec<_> = edits.collect();
+    say(format_args!("\n{}", edit_table(&edits)))?;
+    for (name, m) in &edits {
+        say(format_args!("\n{name}, ms by stage\n{}", stage_table(m)))?;
+    }
+    let rows: Vec<_> = edits.iter().map(|(name, m)| edit_json(name, m)).collect();
+    json.map_or(Ok(()), |path| write_json(path, &rows))?;
+    let wrong = edits.iter().filter_map(|(_, m)| m.mismatches).any(|m| m != Default::default());
+    ensure!(!wrong, "an update differs from a rebuild: this is a bug, please report it");
+    Ok(())
+}
+
+/// Stages of a full rebuild and of an update, side by side.
+fn stage_table(m: &Measured) -> Table {
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING).set_header(["stage", "full", "incremental"]);
+    let (full, incremental) = (&m.full.stages, &m.incremental.stages);
+    let mut names: Vec<_> = full.iter().chain(incremental).map(|t| t.stage).collect();
+    let mut seen = std::collections::HashSet::new();
+    names.retain(|name| seen.insert(*name));
+    for name in names {
+        let ms = |stages: &[photogram::gpu::run::Timing]| {
+            let row = stages.iter().find(|t| t.stage == name);
+            row.map_or(String::new(), |t| format!("{:.1}", t.ms))
+        };
+        table.add_row([name.to_owned(), ms(full), ms(incremental)]);
+    }
     align_right(&mut table);
-    let first = &shots[0].rendered.report;
-    say(format_args!(
-        "\n{} photons, up to {} events; {} segments; {}; full rebuild each, ms by {}\n{table}",
-        first.photons,
-        first.max_events,
-        first.segments,
-        first.estimator.unwrap_or_default(),
-        first.clock
-    ))?;
-    let reports: Vec<_> = shots.iter().map(|shot| (&shot.name, &shot.rendered.report)).collect();
-    json.map_or(Ok(()), |path| write_json(path, &reports))
-}
-
-fn demo_header(shots: &[demo::Shot]) -> Vec<String> {
-    let stages = shots[0].rendered.report.stages.iter().map(|s| s.stage.to_owned());
-    ["".to_owned()].into_iter().chain(stages).chain(["total".to_owned()]).collect()
-}
-
-fn demo_row(shot: &demo::Shot) -> Vec<String> {
-    let report = &shot.rendered.report;
-    let stages = report.stages.iter().map(|s| format!("{:.1}", s.ms));
-    let total = format!("{:.0}", report.total_ms);
-    [shot.name.to_owned()].into_iter().chain(stages).chain([total]).collect()
+    table
 }
 
 fn align_right(table: &mut Table) {

@@ -38,14 +38,15 @@ impl Query {
         let mut query = Self::default();
         for (e, change) in query.changes.iter_mut().enumerate() {
             let (before, after) = (old.extinction[e], new.extinction[e]);
-            let differs = |column: [bool; 3], bit| if column.contains(&true) { bit } else { 0 };
-            let [a, b] = [old, new].map(|t| t.albedo(e).map(f32::to_bits));
-            let [c, d] = [old, new].map(|t| t.emission[e].map(f32::to_bits));
-            *change = u32::from(after > before) * CHANGE_RISEN
-                | u32::from(after < before) * CHANGE_FALLEN
-                | u32::from(old.phase_g[e] != new.phase_g[e]) * CHANGE_PHASE
-                | differs([0, 1, 2].map(|i| a[i] != b[i]), CHANGE_ALBEDO)
-                | differs([0, 1, 2].map(|i| c[i] != d[i]), CHANGE_EMISSION);
+            let bits = |colour: [f32; 3]| colour.map(f32::to_bits);
+            let differs = [
+                (after > before, CHANGE_RISEN),
+                (after < before, CHANGE_FALLEN),
+                (old.phase_g[e] != new.phase_g[e], CHANGE_PHASE),
+                (bits(old.albedo(e)) != bits(new.albedo(e)), CHANGE_ALBEDO),
+                (bits(old.emission[e]) != bits(new.emission[e]), CHANGE_EMISSION),
+            ];
+            *change = differs.iter().filter(|(differs, _)| *differs).map(|(_, bit)| bit).sum();
             if after > before {
                 query.risen |= octaves(before, after, majorant)
                     .fold(0, |mask, layer| mask | bins.tentative_bit(e, layer));

@@ -114,7 +114,7 @@ pub enum LightField {
     /// Sorted photons.
     Points(Points),
     /// The fluence grid.
-    Fluence(Fluence),
+    Fluence(Box<Fluence>),
 }
 
 /// The camera's part of the parameters, in the volume's frame.

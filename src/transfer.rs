@@ -160,7 +160,7 @@ impl Bins {
     /// the given layer.
     pub fn tentative_bit(&self, entry: usize, layer: u32) -> u64 {
         let class = layer * self.mark_classes / LAYERS;
-        1 << (self.bin_of_entry[entry] & !(self.mark_classes - 1) | class)
+        1 << ((self.bin_of_entry[entry] & !(self.mark_classes - 1)) | class)
     }
 
     /// The history bit of an entry.

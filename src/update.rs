@@ -93,7 +93,8 @@ impl PhotonFrame {
         suits(chosen, &device)?;
         let (field, estimator, reach) = match chosen {
             Estimator::Fluence => {
-                (LightField::Fluence(Fluence::new(gpu, &device, settings)?), "fluence", 0.0)
+                let fluence = Box::new(Fluence::new(gpu, &device, settings)?);
+                (LightField::Fluence(fluence), "fluence", 0.0)
             }
             Estimator::Points => {
                 let spacing = device.frame.per_voxel.map(|n| 1.0 / f64::from(n));

@@ -9,6 +9,7 @@ use glam::DVec3;
 use photogram::frame::DeviceScene;
 use photogram::render::{Progress, Split};
 use photogram::scene::{Estimator, Filter, Scene, Spatial, Weighting};
+use photogram::segment::LightField;
 use photogram::update::{PhotonFrame, Scope, Updated};
 use photogram::volume::Volume;
 
@@ -229,4 +230,166 @@ fn random_edits_leave_what_a_rebuild_leaves() {
     let least = 20 * edits_wanted() as u64;
     assert!(states.iter().chain([&untouched_segments]).all(|&n| n > least), "{states:?}");
     assert!(c.changed < c.invalid + c.reweighed, "nothing was listed in vain");
+}
+
+/// Applies an edit to a fresh frame and checks it; returns what the update did.
+fn check(estimator: Estimator, edit: impl Fn(&mut Scene)) -> (Scope, Updated) {
+    let (mut scene, volume) = world(estimator, Weighting::Even, Filter::Linear);
+    let mut frame = frame(&scene, &volume, &Split::default());
+    edit(&mut scene);
+    let (scope, done) = update(&mut frame, &scene, &Split::default());
+    assert_eq!(difference(&frame, &scene, &volume), None, "{estimator}");
+    (scope, done)
+}
+
+fn check_both(edit: impl Fn(&mut Scene)) -> [Updated; 2] {
+    [Estimator::Fluence, Estimator::Points].map(|estimator| check(estimator, &edit).1)
+}
+
+#[test]
+fn an_edit_that_changes_no_entry_visits_nothing() {
+    for estimator in [Estimator::Fluence, Estimator::Points] {
+        // The window lies beyond all values; then nothing at all is edited.
+        let beyond = |s: &mut Scene| {
+            let mut m = s.materials[0].clone();
+            (m.name, m.ramp) = ("beyond".into(), vec![[9000.0, 1.0], [9100.0, 1.0]]);
+            s.materials.push(m);
+        };
+        for edit in [beyond as fn(&mut Scene), |_| ()] {
+            let (scope, done) = check(estimator, edit);
+            assert_eq!(scope, Scope::Nothing);
+            assert_eq!((done.counts.visits(), done.listed, done.recomputed), (0, 0, 0));
+        }
+    }
+}
+
+#[test]
+fn a_colour_edit_makes_no_tentative_collision() {
+    for done in check_both(|s| s.materials[2].colour = DVec3::new(0.3, 0.5, 0.9)) {
+        assert!(done.counts.reweighed > 0 && done.recomputed > 0);
+        assert_eq!((done.counts.tentative, done.counts.invalid), (0, 0));
+    }
+}
+
+#[test]
+fn a_transparent_value_made_opaque_stops_what_had_flown_through_and_left() {
+    // Nothing but bone at first: photons leave through flesh without a collision there.
+    let bone_alone = |s: &mut Scene| s.materials.retain(|m| m.name == "bone");
+    for estimator in [Estimator::Fluence, Estimator::Points] {
+        let (home, volume) = world(estimator, Weighting::Even, Filter::Linear);
+        let mut scene = home.clone();
+        bone_alone(&mut scene);
+        let mut frame = frame(&scene, &volume, &Split::default());
+        // Skipped macro-cells, too: much of the volume was empty.
+        let (_, done) = update(&mut frame, &home, &Split::default());
+        assert!(done.counts.changed > 0);
+        assert_eq!(difference(&frame, &home, &volume), None, "{estimator}");
+    }
+}
+
+#[test]
+fn awkward_edits_are_exact() {
+    let edits: [(&str, fn(&mut Scene)); 9] = [
+        ("everything changes", |s| s.materials.iter_mut().for_each(|m| m.extinction *= 0.5)),
+        ("all is removed", |s| s.materials.clear()),
+        ("the occluder goes", |s| s.materials.retain(|m| m.name != "soft")),
+        ("colour of what only absorbs", |s| s.materials[1].scatter = 0.0),
+        ("emission comes", |s| s.materials[2].emission = DVec3::new(0.1, 0.0, 0.0)),
+        ("a light goes", |s| drop(s.lights.remove(0))),
+        ("a light goes out", |s| s.lights[0].emitted = DVec3::ZERO),
+        ("the background", |s| s.background = DVec3::ONE),
+        ("the top value", |s| s.materials[2].ramp = vec![[-2000.0, 0.0], [9000.0, 1.0]]),
+    ];
+    for (what, edit) in edits {
+        println!("{what}");
+        check_both(edit);
+    }
+}
+
+#[test]
+fn a_light_that_goes_out_shines_again() {
+    for estimator in [Estimator::Fluence, Estimator::Points] {
+        let (home, volume) = world(estimator, Weighting::Even, Filter::Linear);
+        let mut dark = home.clone();
+        dark.lights[0].emitted = DVec3::ZERO;
+        let mut frame = frame(&dark, &volume, &Split::default());
+        update(&mut frame, &home, &Split::default());
+        assert_eq!(difference(&frame, &home, &volume), None, "{estimator}");
+    }
+}
+
+#[test]
+fn the_smallest_frames_are_exact() {
+    let (mut scene, volume) = world(Estimator::Fluence, Weighting::Even, Filter::Linear);
+    (scene.camera.width, scene.camera.height) = (1, 1);
+    (scene.settings.photons, scene.settings.segments) = (1, 1);
+    scene.settings.max_events = 1;
+    let mut frame = frame(&scene, &volume, &Split::default());
+    for extinction in [0.0, 1.9, 0.01] {
+        scene.materials[0].extinction = extinction;
+        update(&mut frame, &scene, &Split::default());
+        assert_eq!(difference(&frame, &scene, &volume), None);
+    }
+}
+
+#[test]
+fn an_abandoned_update_leaves_nothing_behind() {
+    let split = Split { journal: Some(64), ..Split::default() };
+    for estimator in [Estimator::Fluence, Estimator::Points] {
+        let (home, volume) = world(estimator, Weighting::Even, Filter::Linear);
+        for stop_after in 0..12 {
+            let mut frame = frame(&home, &volume, &split);
+            let mut first = home.clone();
+            first.materials[0].extinction = 0.05;
+            first.lights[0].emitted *= 0.5;
+            frame.edit(gpu(), &first, &split).expect("applies");
+            let mut boundaries = 0;
+            let mut stop = |_: &str| {
+                boundaries += 1;
+                boundaries > stop_after
+            };
+            let progress = &mut Progress::until(&mut stop);
+            let done = frame.update(gpu(), &split, progress).expect("updates");
+            if stop_after < 3 {
+                assert!(!done.finished, "{estimator}: never asked whether to stop");
+            }
+            let mut second = home.clone();
+            second.materials[2].extinction = 0.7;
+            second.lights.swap(0, 1);
+            update(&mut frame, &second, &split);
+            let wrong = difference(&frame, &second, &volume);
+            assert_eq!(wrong, None, "{estimator}, stopped after {stop_after} boundaries");
+        }
+    }
+}
+
+/// The harness can fail: a history that lost its bits is found out.
+#[test]
+fn lost_histories_turn_it_red() {
+    let (mut scene, volume) = world(Estimator::Fluence, Weighting::Even, Filter::Linear);
+    let mut frame = frame(&scene, &volume, &Split::default());
+    for batch in &frame.map.batches {
+        let mut states = gpu().read::<[u32; 4]>("states", &batch.states).expect("reads");
+        states.iter_mut().for_each(|s| (s[2], s[3]) = (0, 0));
+        gpu().write(&batch.states, &states);
+    }
+    scene.materials[0].extinction = 0.3;
+    update(&mut frame, &scene, &Split::default());
+    assert_eq!(difference(&frame, &scene, &volume), Some("slots"));
+}
+
+/// The harness can fail: a deposit that was never taken out is found out.
+#[test]
+fn a_deposit_left_behind_turns_it_red() {
+    let (mut scene, volume) = world(Estimator::Fluence, Weighting::Even, Filter::Linear);
+    let mut frame = frame(&scene, &volume, &Split::default());
+    if let LightField::Fluence(fluence) = &frame.field {
+        let mut sums = gpu().read::<u64>("sums", &fluence.sums[1]).expect("reads");
+        let lit = sums.iter().position(|&s| s > 0).expect("some light");
+        sums[lit] += 1;
+        gpu().write(&fluence.sums[1], &sums);
+    }
+    scene.materials[1].extinction = 0.9;
+    update(&mut frame, &scene, &Split::default());
+    assert_eq!(difference(&frame, &scene, &volume), Some("light field"));
 }
