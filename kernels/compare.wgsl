@@ -3,10 +3,8 @@
 
 import package::constants::GROUP;
 import package::shared::counter::{CHANGED, count};
-@if(points) import package::shared::dirty::mark_dirty;
 import package::shared::item::item_index;
 import package::shared::photon::{PhotonParams, Task, NOTHING, pack_task, unpack_task};
-@if(points) import package::shared::slot::{INTERACTION, slot_kind};
 
 @group(0) @binding(8) var<uniform> params: PhotonParams;
 @group(0) @binding(9) var<storage, read> work: array<u32>;
@@ -15,14 +13,6 @@ import package::shared::photon::{PhotonParams, Task, NOTHING, pack_task, unpack_
 @group(0) @binding(12) var<storage, read> states: array<vec4<u32>>;
 @group(0) @binding(13) var<storage, read> old_places: array<vec4<u32>>;
 @group(0) @binding(14) var<storage, read> old_states: array<vec4<u32>>;
-
-// The light that an interaction gives to its neighbourhood comes or goes.
-@if(points)
-fn mark_interaction(place: vec4<u32>, state: vec4<u32>) {
-    if slot_kind(state) != INTERACTION { return; }
-    let position = bitcast<vec3<f32>>(place.xyz);
-    mark_dirty(position, position);
-}
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -37,15 +27,11 @@ fn main(
     for (var event = unpack_task(tasks[photon]).touched; event < params.max_events; event++) {
         let live = event * params.photons + photon;
         let old = event * params.journal + item;
-        let differs = any(places[live] != old_places[old])
-            || any(states[live].xy != old_states[old].xy);
-        if !differs { continue; }
-        first = min(first, event);
-        @if(points) {
-            mark_interaction(places[live], states[live]);
-            mark_interaction(old_places[old], old_states[old]);
+        if any(places[live] != old_places[old]) || any(states[live].xy != old_states[old].xy) {
+            first = event;
+            break;
         }
     }
     tasks[photon] = pack_task(Task(first, NOTHING));
-    count(CHANGED, u32(first != NOTHING && params.sign > 0));
+    count(CHANGED, u32(first != NOTHING));
 }

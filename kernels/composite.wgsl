@@ -1,7 +1,9 @@
 // Puts a pixel's segments together, front to back, H(4), and adds the ray to the film.
 
 import package::shared::item::item_index;
-import package::shared::segment::Segment;
+import package::shared::segment::TRANSMITTANCE;
+@if(points) import package::shared::segment_sums::{SUM_WORDS, unpack_sums};
+@if(points) import package::shared::sum64::sum_to_float;
 import package::constants::GROUP;
 
 struct CompositeParams {
@@ -11,11 +13,31 @@ struct CompositeParams {
     segments: u32,
     weight: f32,        // of this ray in the film
     fresh: u32,         // 1: the film begins with this ray
+    scale: f32,         // of integer sums
+    pad0: u32,
+    pad1: u32,
+    pad2: u32,
 }
 
 @group(0) @binding(8) var<uniform> params: CompositeParams;
-@group(0) @binding(9) var<storage, read> segments: array<Segment>;
+@group(0) @binding(9) var<storage, read> segment_words: array<u32>;
 @group(0) @binding(10) var<storage, read_write> film: array<vec4<f32>>;
+
+@if(points) const WORDS: u32 = SUM_WORDS;
+@if(!points) const WORDS: u32 = 6u;
+
+@if(points)
+fn light_of(at: u32) -> vec3<f32> {
+    let low = vec3(segment_words[at], segment_words[at + 1u], segment_words[at + 2u]);
+    let sums = unpack_sums(low, vec2(segment_words[at + 6u], segment_words[at + 7u]));
+    return vec3(sum_to_float(sums.red), sum_to_float(sums.green), sum_to_float(sums.blue))
+        / params.scale;
+}
+
+@if(!points)
+fn light_of(at: u32) -> vec3<f32> {
+    return bitcast<vec3<f32>>(vec3(segment_words[at], segment_words[at + 1u], segment_words[at + 2u]));
+}
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -28,9 +50,9 @@ fn main(
     var colour = vec3<f32>(0.0);
     var through = 1.0;
     for (var s = 0u; s < params.segments; s++) {
-        let segment = segments[pixel * params.segments + s];
-        colour += through * vec3(segment.red, segment.green, segment.blue);
-        through *= segment.transmittance;
+        let at = WORDS * (pixel * params.segments + s);
+        colour += through * light_of(at);
+        through *= bitcast<f32>(segment_words[at + TRANSMITTANCE]);
     }
     colour += through * params.background;
     let at = params.first_pixel + pixel;

@@ -3,16 +3,13 @@
 //
 // `even` also divides by the mean extinction in the kernel's ball, so that what is
 // blurred is fluence, which is smooth, and not collision density, which is not.
-//
-// Where the edit in progress changes a contribution, the light around it is marked.
 
 import package::shared::item::item_index;
 import package::shared::phase::PI;
 import package::shared::points::PointsParams;
 import package::shared::scene::{optics, scattering, entry_at, frame};
 import package::shared::slot::{slot_of, unpack_power};
-import package::constants::{GROUP, CHANGE_RISEN, CHANGE_FALLEN, CHANGE_PHASE, CHANGE_ALBEDO};
-import package::shared::dirty::mark_dirty;
+import package::constants::GROUP;
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
 @group(0) @binding(9) var<storage, read> places: array<vec4<u32>>;
@@ -25,15 +22,9 @@ import package::shared::dirty::mark_dirty;
 // each, and the photon's own entry.
 const SHELL: u32 = 16u;
 
-struct Mean {
-    extinction: f32,
-    changes: u32,
-}
-
 @if(even)
-fn mean_extinction(position: vec3<f32>, own: u32) -> Mean {
+fn mean_extinction(position: vec3<f32>, own: u32) -> f32 {
     var total = optics[own].extinction;
-    var changes = optics[own].changes;
     for (var i = 0u; i < 2u * SHELL; i++) {
         // Radii at the volume medians of the inner and the outer half of the ball.
         let radius = params.radius * select(0.9086, 0.63, i < SHELL);
@@ -42,12 +33,10 @@ fn mean_extinction(position: vec3<f32>, own: u32) -> Mean {
         let across = sqrt(1.0 - z * z);
         let tap = position + radius * vec3(across * cos(angle), across * sin(angle), z);
         if all(tap >= vec3<f32>(0.0)) && all(tap <= frame.extent) {
-            let o = optics[entry_at(tap)];
-            total += o.extinction;
-            changes |= o.changes;
+            total += optics[entry_at(tap)].extinction;
         }
     }
-    return Mean(total / f32(2u * SHELL + 1u), changes & (CHANGE_RISEN | CHANGE_FALLEN));
+    return total / f32(2u * SHELL + 1u);
 }
 
 @compute @workgroup_size(GROUP)
@@ -63,13 +52,7 @@ fn main(
     let material = scattering[slot.entry];
     var light = unpack_power(slot.power) * material.rgb * params.kernel;
     @if(!anisotropic) { light /= 4.0 * PI; }
-    var changes = optics[slot.entry].changes & (CHANGE_PHASE | CHANGE_ALBEDO);
-    @if(even) {
-        let mean = mean_extinction(slot.position, slot.entry);
-        light /= mean.extinction;
-        changes |= mean.changes;
-    }
+    @if(even) { light /= mean_extinction(slot.position, slot.entry); }
     point_places[point] = places[at];
     point_lights[point] = vec4<f32>(light, material.a);
-    if changes != 0u { mark_dirty(slot.position, slot.position); }
 }

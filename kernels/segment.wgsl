@@ -3,8 +3,8 @@
 //
 // Under nearest filtering the ray is walked voxel by voxel, and each is integrated in
 // closed form; under linear filtering it is sampled on a lattice anchored to the
-// volume's bounds. With several photon batches the six words of a segment hold its
-// integer sums until the last batch turns them into colour.
+// volume's bounds. The fluence gives a segment its colour at once; points are added to
+// its integer sums, batch after batch.
 
 import package::constants::GROUP;
 import package::shared::counter::{
@@ -14,16 +14,23 @@ import package::shared::item::item_index;
 import package::shared::scene::{
     frame, optics, emission, cell_masks, entry_at, bin_bit, cell_index
 };
-import package::shared::segment::{SegmentParams, Span, span_of};
-@if(fluence) import package::shared::source_fluence::{Gathered, gather, radiance_of};
-@if(!fluence) import package::shared::source_points::{Gathered, gather, radiance_of};
+import package::shared::segment::{SegmentParams, Span, span_of, TRANSMITTANCE, HISTORY};
+@if(!fluence) import package::shared::segment_sums::{Sums, SUM_WORDS, unpack_sums, pack_high};
+@if(!fluence) import package::shared::sum64::{total, rounded_wide};
+@if(fluence) import package::shared::source_fluence::{Gathered, gather};
+@if(!fluence) import package::shared::source_points::{Gathered, gather};
 import package::shared::walk::{Line, walk_begin, walk_leave, walk_step};
 
 @group(0) @binding(8) var<uniform> params: SegmentParams;
 @group(0) @binding(9) var<storage, read> work: array<u32>;
 @group(0) @binding(10) var<storage, read_write> segment_words: array<u32>;
 
-const WORDS: u32 = 6u;
+@if(fluence) const WORDS: u32 = 6u;
+@if(!fluence) const WORDS: u32 = SUM_WORDS;
+
+// A segment that lets less through counts as opaque, and is not looked into any further:
+// what lies behind cannot change it.
+const OPAQUE: f32 = 2.3283064e-10;  // 2^-32
 
 struct March {
     light: Gathered,
@@ -61,6 +68,7 @@ fn interval(ray: Line, t: f32, length: f32, march: ptr<function, March>) {
         (*march).light = gather(params, seen, entry, scaled, -ray.direction, (*march).light);
     }
     (*march).transmittance *= passed;
+    if (*march).transmittance < OPAQUE { (*march).transmittance = 0.0; }
 }
 
 @if(nearest)
@@ -87,12 +95,15 @@ fn march_span(span: Span, march: ptr<function, March>) {
                 let parts = ceil((leave - t) / frame.step);
                 let h = (leave - t) / parts;
                 var i = 0.5;
-                for (; i < parts; i += 1.0) { interval(span.ray, t + i * h, h, march); }
-                expect(i >= parts);
+                for (; i < parts && (*march).transmittance != 0.0; i += 1.0) {
+                    interval(span.ray, t + i * h, h, march);
+                }
+                expect(i >= parts || (*march).transmittance == 0.0);
             }
             t = leave;
         }
-        arrived = leave >= end || !walk_step(&w, span.ray, edge, frame.size);
+        arrived = leave >= end || (*march).transmittance == 0.0
+            || !walk_step(&w, span.ray, edge, frame.size);
         if arrived { break; }
     }
     expect(arrived);
@@ -107,7 +118,7 @@ fn march_span(span: Span, march: ptr<function, March>) {
     let end = samples * (span.index + 1u) / params.segments;
     var i = samples * span.index / params.segments;
     @if(skip) var w = walk_begin(span.ray, span.enter + (f32(i) + 0.5) * h, frame.cell_mm, frame.cells);
-    while i < end {
+    while i < end && (*march).transmittance != 0.0 {
         let t = span.enter + (f32(i) + 0.5) * h;
         @if(skip) {
             while walk_leave(w) <= t && walk_step(&w, span.ray, frame.cell_mm, frame.cells) {}
@@ -124,7 +135,7 @@ fn march_span(span: Span, march: ptr<function, March>) {
         interval(span.ray, t, h, march);
         i++;
     }
-    expect(i >= end);
+    expect(i >= end || (*march).transmittance == 0.0);
 }
 
 @compute @workgroup_size(GROUP)
@@ -140,34 +151,45 @@ fn main(
 
     var march: March;
     march.transmittance = 1.0;
-    @if(!fluence) {
-        if params.batch_first == 0u {
-            march.light.red = vec2(segment_words[at], segment_words[at + 1u]);
-            march.light.green = vec2(segment_words[at + 2u], segment_words[at + 3u]);
-            march.light.blue = vec2(segment_words[at + 4u], segment_words[at + 5u]);
-        }
-    }
     march_span(span_of(params, task), &march);
     count(CLAMPED, march.light.clamped);
     count(GATHERED, march.light.tested);
     count(SAMPLES, march.samples);
     count(UNFINISHED, u32(cut_short));
-    @if(!fluence) {
-        if params.batch_last == 0u {
-            segment_words[at] = march.light.red.x;
-            segment_words[at + 1u] = march.light.red.y;
-            segment_words[at + 2u] = march.light.green.x;
-            segment_words[at + 3u] = march.light.green.y;
-            segment_words[at + 4u] = march.light.blue.x;
-            segment_words[at + 5u] = march.light.blue.y;
-            return;
+    @if(fluence) {
+        let colour = march.light.radiance + march.glow;
+        segment_words[at] = bitcast<u32>(colour.r);
+        segment_words[at + 1u] = bitcast<u32>(colour.g);
+        segment_words[at + 2u] = bitcast<u32>(colour.b);
+    }
+    @if(!fluence) { sum_up(at, march); }
+    if params.begins == 1u {
+        segment_words[at + TRANSMITTANCE] = bitcast<u32>(march.transmittance);
+        segment_words[at + HISTORY] = march.history.x;
+        segment_words[at + HISTORY + 1u] = march.history.y;
+    }
+}
+
+@if(!fluence)
+fn sum_up(at: u32, march: March) {
+    var sums: Sums;
+    if params.begins == 0u {
+        let low = vec3(segment_words[at], segment_words[at + 1u], segment_words[at + 2u]);
+        sums = unpack_sums(low, vec2(segment_words[at + 6u], segment_words[at + 7u]));
+    } else {
+        @if(emission) {
+            let glow = march.glow * params.scale;
+            sums = Sums(rounded_wide(glow.r), rounded_wide(glow.g), rounded_wide(glow.b));
         }
     }
-    let colour = radiance_of(march.light, params.scale) + march.glow;
-    segment_words[at] = bitcast<u32>(colour.r);
-    segment_words[at + 1u] = bitcast<u32>(colour.g);
-    segment_words[at + 2u] = bitcast<u32>(colour.b);
-    segment_words[at + 3u] = bitcast<u32>(march.transmittance);
-    segment_words[at + 4u] = march.history.x;
-    segment_words[at + 5u] = march.history.y;
+    let light = march.light.sums;
+    sums.red = total(sums.red, light.red);
+    sums.green = total(sums.green, light.green);
+    sums.blue = total(sums.blue, light.blue);
+    let high = pack_high(sums);
+    segment_words[at] = sums.red.x;
+    segment_words[at + 1u] = sums.green.x;
+    segment_words[at + 2u] = sums.blue.x;
+    segment_words[at + 6u] = high.x;
+    segment_words[at + 7u] = high.y;
 }

@@ -1,19 +1,17 @@
 // Which segments an edit touches: those that read an entry that changed, H(10), and
 // those that may look up light that changed. A work item is a segment of the band.
 
-import package::constants::{GROUP, DIRTY_SPLIT, SPATIAL_AXES};
+import package::constants::{GROUP, DIRTY_SPLIT, SPATIAL_AXES, LIST_READ, LIST_LIT};
 import package::shared::counter::{CHECKED, UNFINISHED, count, expect, cut_short};
 import package::shared::dirty::{dirty_grid, is_dirty, axes_meet};
 import package::shared::item::item_index;
 import package::shared::scene::{frame, cell_masks, cell_index};
-import package::shared::segment::{SegmentParams, span_of};
+import package::shared::segment::{SegmentParams, span_of, HISTORY};
 import package::shared::walk::{walk_begin, walk_leave, walk_step};
 
 @group(0) @binding(8) var<uniform> params: SegmentParams;
 @group(0) @binding(9) var<storage, read> segment_words: array<u32>;
 @group(0) @binding(10) var<storage, read_write> marks: array<u32>;
-
-const WORDS: u32 = 6u;
 
 // Where all is empty no light is looked up, whatever changed there.
 fn is_vacant(block: vec3<i32>) -> bool {
@@ -59,13 +57,11 @@ fn main(
     let segment = item_index(group, groups, local);
     if segment == params.items { marks[segment] = 0u; }  // the scan leaves the total here
     if segment >= params.items { return; }
-    let at = WORDS * segment;
-    // A negative transmittance: never computed.
-    let fresh = bitcast<f32>(segment_words[at + 3u]) < 0.0;
-    let history = vec2<u32>(segment_words[at + 4u], segment_words[at + 5u]);
+    let at = params.stride * segment + HISTORY;
+    let history = vec2<u32>(segment_words[at], segment_words[at + 1u]);
     let read = any((history & params.query) != vec2<u32>(0u));
-    var touched = fresh || read;
-    if !touched { touched = sees_change(segment); }
+    var touched = read && (params.which & LIST_READ) != 0u;
+    if !read && (params.which & LIST_LIT) != 0u { touched = sees_change(segment); }
     marks[segment] = u32(touched);
     count(UNFINISHED, u32(cut_short));
 }

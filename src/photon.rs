@@ -12,7 +12,6 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use crate::dirty::Dirty;
 use crate::error::{Error, Result};
 use crate::frame::{DeviceScene, words};
 use crate::gpu::Gpu;
@@ -110,9 +109,12 @@ pub struct Counters {
     /// Items whose loops the driver ended; nothing is returned unless it is 0.
     #[serde(skip)]
     pub unfinished: u64,
+    /// Segments whose sums of light did not fit; nothing is returned unless it is 0.
+    #[serde(skip)]
+    pub overflown: u64,
 }
 
-const COUNTERS: usize = 11;
+const COUNTERS: usize = 12;
 
 impl Counters {
     /// March steps, tentative collisions, gather tests and deposits: what the work is
@@ -176,6 +178,7 @@ impl CounterBuffer {
             c.reweighed,
             c.changed,
             c.unfinished,
+            c.overflown,
         ];
         gpu.write(&self.0, &words);
     }
@@ -198,6 +201,7 @@ impl CounterBuffer {
             reweighed: c[8],
             changed: c[9],
             unfinished: c[10],
+            overflown: c[11],
         })
     }
 }
@@ -304,7 +308,6 @@ impl PhotonMap {
         scene: &DeviceScene,
         ids: &[u32],
         settings: &Settings,
-        points: bool,
         split: &Split,
     ) -> Result<Self> {
         let max_events = settings.max_events;
@@ -337,7 +340,7 @@ impl PhotonMap {
             trace: trace_kernel(gpu, scene)?,
             query: gpu.kernel("photon_query", &[])?,
             copy: gpu.kernel("journal", &[])?,
-            compare: gpu.kernel("compare", if points { &["points"] } else { &[] })?,
+            compare: gpu.kernel("compare", &[])?,
         };
         map.arrange(gpu, &scene.lights, ids)?;
         Ok(map)
@@ -457,8 +460,7 @@ impl PhotonMap {
         stage.finish()
     }
 
-    /// Finds what differs from the journal: tasks then begin there, and `dirty` knows. With
-    /// `sign` -1 photons that changed are not counted.
+    /// Finds what differs from the journal: tasks then begin there.
     ///
     /// # Errors
     /// The device failed.
@@ -467,24 +469,14 @@ impl PhotonMap {
         gpu: &Gpu,
         batch: &Batch,
         part: &Range<u32>,
-        (counters, dirty): (&CounterBuffer, &Dirty),
-        sign: i32,
+        counters: &CounterBuffer,
     ) -> Result<()> {
-        let params = PhotonParams { sign, ..self.journal_params(batch, part) };
-        let mut bindings = [batch.bindings(), self.old(), dirty.bindings()].concat();
+        let params = self.journal_params(batch, part);
+        let mut bindings = [batch.bindings(), self.old()].concat();
         bindings.push(("counters", counters.buffer().into()));
         let mut stage = gpu.stage("compare");
         stage.dispatch(&self.compare, params.listed.into(), &bindings, &params)?;
         stage.finish()
-    }
-
-    /// Leaves nothing in the journal.
-    ///
-    /// # Errors
-    /// The device failed.
-    pub fn blank_journal(&self, gpu: &Gpu) -> Result<()> {
-        fill(gpu, "journal", &self.old_places, &[0])?;
-        fill(gpu, "journal", &self.old_states, &[0])
     }
 
     fn old(&self) -> Bindings<'_> {

@@ -5,6 +5,10 @@
 //! stable radix sort, then copied out in that order with what a gather needs. A table
 //! of buckets, each of 2^shift consecutive keys, says where to begin; it needs no
 //! probing, and its size is bounded however small the radius.
+//!
+//! After an edit the points are compared with those that the segments have seen. What
+//! went and what came are sorted lists of their own, so that segments take the ones out
+//! and add the others, and gather nothing else.
 
 use std::sync::Arc;
 
@@ -21,6 +25,8 @@ use crate::photon::{Batch, PhotonMap};
 use crate::query::{CHANGE_ALBEDO, CHANGE_FALLEN, CHANGE_PHASE, CHANGE_RISEN};
 use crate::render::Progress;
 use crate::scene::{Settings, Weighting};
+use crate::segment::Run;
+use crate::work::fill;
 
 /// Buckets of one batch's table, at most: 16 MiB.
 const MAX_BUCKETS: u64 = 1 << 22;
@@ -40,30 +46,86 @@ shared_struct! {
         pub buckets: u32,
         /// 1 / (4/3 pi r³).
         pub kernel: f32,
+        /// Place of the first point that is taken.
+        pub first: u32,
+        /// -1 where what is taken has gone.
+        pub sign: f32,
+        /// Keeps the size a multiple of 16.
+        pub pad0: u32,
+        /// The same.
+        pub pad1: u32,
     }
 }
 
-/// The sorted points of one photon batch.
-struct SortedBatch {
-    /// Light and first photon of the batch.
-    key: (u32, u32),
-    /// Its photons.
-    slots: u32,
+/// Points in the order of their cells' keys, with what a gather needs of each.
+struct Sorted {
     count: u32,
+    keys: wgpu::Buffer,
     places: wgpu::Buffer,
     lights: wgpu::Buffer,
     starts: wgpu::Buffer,
     field: wgpu::Buffer,
 }
 
-impl SortedBatch {
+impl Sorted {
+    fn new(gpu: &Gpu, count: u32, params: &PointsParams) -> Result<Self> {
+        Ok(Self {
+            count,
+            keys: gpu.buffer::<u32>("points keys", count as usize)?,
+            places: gpu.buffer::<[u32; 4]>("point places", count as usize)?,
+            lights: gpu.buffer::<[f32; 4]>("point lights", count as usize)?,
+            starts: gpu.buffer::<u32>("points starts", params.buckets as usize + 1)?,
+            field: gpu.upload("points field", &[PointsParams { count, ..*params }])?,
+        })
+    }
+
     fn bindings(&self) -> Bindings<'_> {
         vec![
             ("field", (&self.field).into()),
             ("point_places", (&self.places).into()),
             ("point_lights", (&self.lights).into()),
             ("starts", (&self.starts).into()),
+            ("keys", (&self.keys).into()),
         ]
+    }
+
+    fn run(&self) -> Run<'_> {
+        Run { bindings: self.bindings(), points: self.count }
+    }
+
+    fn bytes(&self) -> u64 {
+        [&self.keys, &self.places, &self.lights, &self.starts].map(wgpu::Buffer::size).iter().sum()
+    }
+}
+
+/// The points of one photon batch.
+struct SortedBatch {
+    /// Light and first photon of the batch.
+    key: (u32, u32),
+    /// Its photons.
+    photons: u32,
+    /// Its slots, empty ones included.
+    all_slots: u32,
+    points: Sorted,
+    /// The slot of each point.
+    slots: wgpu::Buffer,
+}
+
+/// Points of a batch that came (sign 1) or went (-1).
+struct Marked<'a> {
+    batch: &'a SortedBatch,
+    sign: f32,
+    /// A word for each point and one more: 1, or after a scan its rank.
+    marks: wgpu::Buffer,
+    /// Where the first goes.
+    first: u32,
+}
+
+impl<'a> Marked<'a> {
+    fn all(gpu: &Gpu, batch: &'a SortedBatch, sign: f32) -> Result<Self> {
+        let marks = gpu.buffer::<u32>("points marks", batch.points.count as usize + 1)?;
+        fill(gpu, "points_match", &marks, &[1])?;
+        Ok(Self { batch, sign, marks, first: 0 })
     }
 }
 
@@ -75,11 +137,21 @@ pub struct Points {
     /// Whether fluence is blurred, not collision density.
     pub even: bool,
     key_bits: u32,
-    batches: Vec<SortedBatch>,
+    batches: Vec<Arc<SortedBatch>>,
+    /// The batches that all segments were computed from.
+    seen: Vec<Arc<SortedBatch>>,
+    /// What went since then, with negative light, and what came.
+    changes: Option<Sorted>,
+    /// No points, for a scene without lights.
+    none: Sorted,
     mark: Arc<Kernel>,
     compact: Arc<Kernel>,
     record: Arc<Kernel>,
     find: Arc<Kernel>,
+    number: Arc<Kernel>,
+    compare: Arc<Kernel>,
+    take: Arc<Kernel>,
+    arrange: Arc<Kernel>,
 }
 
 impl Points {
@@ -101,23 +173,32 @@ impl Points {
         let cells = cells as u64;
         let shift = cells.div_ceil(MAX_BUCKETS).next_power_of_two().ilog2();
         let even = settings.weighting == Weighting::Even;
+        let params = PointsParams {
+            grid: grid.map(|n| n as u32),
+            count: 0,
+            radius: radius as f32,
+            shift,
+            buckets: cells.div_ceil(1 << shift) as u32,
+            kernel: (0.75 / (std::f64::consts::PI * radius.powi(3))) as f32,
+            ..Default::default()
+        };
         Ok(Self {
             even,
             radius: radius as f32,
-            params: PointsParams {
-                grid: grid.map(|n| n as u32),
-                count: 0,
-                radius: radius as f32,
-                shift,
-                buckets: cells.div_ceil(1 << shift) as u32,
-                kernel: (0.75 / (std::f64::consts::PI * radius.powi(3))) as f32,
-            },
+            none: Sorted::new(gpu, 0, &PointsParams { shift: 31, buckets: 2, ..params })?,
+            params,
             key_bits: u64::BITS - (cells - 1).leading_zeros(),
             batches: Vec::new(),
+            seen: Vec::new(),
+            changes: None,
             mark: gpu.kernel("points_mark", &[])?,
             compact: gpu.kernel("points_compact", &[])?,
             record: record_kernel(gpu, scene, even)?,
             find: gpu.kernel("points_starts", &[])?,
+            number: gpu.kernel("points_number", &[])?,
+            compare: gpu.kernel("points_match", &[])?,
+            take: gpu.kernel("points_take", &[])?,
+            arrange: gpu.kernel("points_arrange", &[])?,
         })
     }
 
@@ -136,8 +217,7 @@ impl Points {
         CHANGE_PHASE | CHANGE_ALBEDO | extinction
     }
 
-    /// Sorts the live slots of the batches that changed, or of `all`, and marks where
-    /// contributions changed without their slots.
+    /// Sorts the live slots of the batches that changed, or of `all`.
     ///
     /// # Errors
     /// The device failed.
@@ -146,19 +226,17 @@ impl Points {
         gpu: &Gpu,
         scene: &DeviceScene,
         (map, all): (&mut PhotonMap, bool),
-        dirty: &Dirty,
         progress: &mut Progress,
     ) -> Result<()> {
         let total = map.batches.len();
-        let mut before = std::mem::take(&mut self.batches);
+        let before = std::mem::take(&mut self.batches);
+        self.changes = None;
         for i in 0..total {
             let batch = &map.batches[i];
-            let key = (batch.light_id, batch.first_index);
-            let own = before.iter().position(|b| b.key == key).map(|at| before.swap_remove(at));
-            let kept = own.filter(|own| !all && !batch.stale && own.slots == batch.photons);
-            let sorted = match kept {
-                Some(own) => own,
-                None => self.sorted(gpu, scene, map, batch, dirty)?,
+            let own = of_batch(&before, batch).filter(|_| !all && !batch.stale);
+            let sorted = match own {
+                Some(own) => own.clone(),
+                None => Arc::new(self.sorted(gpu, scene, map, batch)?),
             };
             self.batches.push(sorted);
             map.batches[i].stale = false;
@@ -173,7 +251,6 @@ impl Points {
         scene: &DeviceScene,
         map: &PhotonMap,
         batch: &Batch,
-        dirty: &Dirty,
     ) -> Result<SortedBatch> {
         let slots = batch.photons * map.max_events;
         let ranks = gpu.buffer::<u32>("points ranks", slots as usize + 1)?;
@@ -181,7 +258,7 @@ impl Points {
         let all = PointsParams { count: slots, ..self.params };
         let slot_bindings =
             [("places", (&batch.places).into()), ("states", (&batch.states).into())];
-        let mut bindings = [scene.bindings(), dirty.bindings(), slot_bindings.to_vec()].concat();
+        let mut bindings = [scene.bindings(), slot_bindings.to_vec()].concat();
         bindings.extend([("marks", (&ranks).into()), ("ranks", (&ranks).into())]);
 
         let mut stage = gpu.stage("points_mark");
@@ -190,25 +267,22 @@ impl Points {
         stage.finish()?;
         let count = gpu.read_word("points_mark", &ranks, slots.into())?;
 
-        let keys = gpu.buffer::<u32>("points keys", count as usize)?;
-        let order = gpu.buffer::<u32>("points order", count as usize)?;
-        let mut stage = gpu.stage("points_compact");
-        bindings.extend([("keys", (&keys).into()), ("slots", (&order).into())]);
-        stage.dispatch(&self.compact, slots.into(), &bindings, &all)?;
-        stage.finish()?;
-        Sorter::new(gpu, count)?.sort(gpu, &keys, &order, count, self.key_bits)?;
-
-        let live = PointsParams { count, ..self.params };
         let sorted = SortedBatch {
             key: (batch.light_id, batch.first_index),
-            slots: batch.photons,
-            count,
-            places: gpu.buffer::<[u32; 4]>("point places", count as usize)?,
-            lights: gpu.buffer::<[f32; 4]>("point lights", count as usize)?,
-            starts: gpu.buffer::<u32>("points starts", live.buckets as usize + 1)?,
-            field: gpu.upload("points field", &[live])?,
+            photons: batch.photons,
+            all_slots: slots,
+            points: Sorted::new(gpu, count, &self.params)?,
+            slots: gpu.buffer::<u32>("points slots", count as usize)?,
         };
-        bindings.extend(sorted.bindings());
+        bindings.extend(sorted.points.bindings());
+        bindings.push(("slots", (&sorted.slots).into()));
+        let mut stage = gpu.stage("points_compact");
+        stage.dispatch(&self.compact, slots.into(), &bindings, &all)?;
+        stage.finish()?;
+        let (keys, values) = (&sorted.points.keys, &sorted.slots);
+        Sorter::new(gpu, count)?.sort(gpu, keys, values, count, self.key_bits)?;
+
+        let live = PointsParams { count, ..self.params };
         let mut stage = gpu.stage("points_record");
         stage.dispatch(&self.record, count.into(), &bindings, &live)?;
         stage.dispatch(&self.find, u64::from(live.buckets) + 1, &bindings, &live)?;
@@ -216,10 +290,123 @@ impl Points {
         Ok(sorted)
     }
 
-    /// The sorted field of each batch, by the names that the segment kernel gives it, and
-    /// how many points it has.
-    pub fn bindings(&self) -> Vec<(Bindings<'_>, u32)> {
-        self.batches.iter().map(|b| (b.bindings(), b.count)).collect()
+    /// Finds which points came and which went since all segments were computed, and marks
+    /// where light changed.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn compare(&mut self, gpu: &Gpu, dirty: &Dirty) -> Result<()> {
+        let key = |b: &&Arc<SortedBatch>| (b.key, b.photons);
+        let mut gone: Vec<_> = self.seen.iter().collect();
+        let mut marked = Vec::new();
+        for now in &self.batches {
+            let at = gone.iter().position(|seen| key(seen) == key(&now));
+            match at.map(|at| gone.swap_remove(at)) {
+                Some(seen) if Arc::ptr_eq(seen, now) => {}
+                Some(seen) => marked.extend(self.marked(gpu, seen, now)?),
+                None => marked.push(Marked::all(gpu, now, 1.0)?),
+            }
+        }
+        for seen in gone {
+            marked.push(Marked::all(gpu, seen, -1.0)?);
+        }
+        self.changes = self.taken(gpu, dirty, &mut marked)?;
+        Ok(())
+    }
+
+    /// What went of a batch, and what came.
+    fn marked<'a>(
+        &self,
+        gpu: &Gpu,
+        seen: &'a SortedBatch,
+        now: &'a SortedBatch,
+    ) -> Result<[Marked<'a>; 2]> {
+        let (went, came) = (Marked::all(gpu, seen, -1.0)?, Marked::all(gpu, now, 1.0)?);
+        let numbers = gpu.buffer::<u32>("points numbers", now.all_slots as usize)?;
+        let mut bindings = now.points.bindings();
+        bindings.extend([
+            ("slots", (&now.slots).into()),
+            ("numbers", (&numbers).into()),
+            ("seen_slots", (&seen.slots).into()),
+            ("seen_places", (&seen.points.places).into()),
+            ("seen_lights", (&seen.points.lights).into()),
+            ("went", (&went.marks).into()),
+            ("came", (&came.marks).into()),
+        ]);
+        let params = |count| PointsParams { count, ..self.params };
+        let [seen, now] = [seen, now].map(|batch| batch.points.count);
+        let mut stage = gpu.stage("points_match");
+        stage.dispatch(&self.number, now.into(), &bindings, &params(now))?;
+        stage.dispatch(&self.compare, seen.into(), &bindings, &params(seen))?;
+        stage.finish()?;
+        Ok([went, came])
+    }
+
+    /// All marked points, sorted together.
+    fn taken(&self, gpu: &Gpu, dirty: &Dirty, marked: &mut [Marked]) -> Result<Option<Sorted>> {
+        let mut total = 0;
+        for m in &mut *marked {
+            let all = m.batch.points.count;
+            let mut stage = gpu.stage("points_take");
+            Scanner::new(gpu, all + 1)?.record(&mut stage, &m.marks, all + 1)?;
+            stage.finish()?;
+            m.first = total;
+            total += gpu.read_word("points_take", &m.marks, all.into())?;
+        }
+        if total == 0 {
+            return Ok(None);
+        }
+        let sorted = Sorted::new(gpu, total, &self.params)?;
+        let order = gpu.buffer::<u32>("points order", total as usize)?;
+        let places = gpu.buffer::<[u32; 4]>("point places", total as usize)?;
+        let lights = gpu.buffer::<[f32; 4]>("point lights", total as usize)?;
+        let taken = [
+            ("taken_keys", (&sorted.keys).into()),
+            ("taken_order", (&order).into()),
+            ("taken_places", (&places).into()),
+            ("taken_lights", (&lights).into()),
+        ];
+        for m in marked {
+            let mut bindings = m.batch.points.bindings();
+            bindings.extend(taken);
+            bindings.push(("ranks", (&m.marks).into()));
+            let count = m.batch.points.count;
+            let params = PointsParams { count, first: m.first, sign: m.sign, ..self.params };
+            let mut stage = gpu.stage("points_take");
+            stage.dispatch(&self.take, count.into(), &bindings, &params)?;
+            stage.finish()?;
+        }
+        Sorter::new(gpu, total)?.sort(gpu, &sorted.keys, &order, total, self.key_bits)?;
+        let bindings = [sorted.bindings(), taken.to_vec(), dirty.bindings()].concat();
+        let live = PointsParams { count: total, ..self.params };
+        let mut stage = gpu.stage("points_arrange");
+        stage.dispatch(&self.arrange, total.into(), &bindings, &live)?;
+        stage.dispatch(&self.find, u64::from(live.buckets) + 1, &bindings, &live)?;
+        stage.finish()?;
+        Ok(Some(sorted))
+    }
+
+    /// All segments were computed from what there is.
+    pub fn settle(&mut self) {
+        self.seen.clone_from(&self.batches);
+        self.changes = None;
+    }
+
+    /// All points.
+    pub(crate) fn runs(&self) -> Vec<Run<'_>> {
+        match self.batches.is_empty() {
+            true => vec![self.none.run()],
+            false => self.batches.iter().map(|b| b.points.run()).collect(),
+        }
+    }
+
+    /// What went, with negative light, and what came since all segments were computed;
+    /// `None` where to gather all points anew is cheaper. Changed points lie close together
+    /// as a rule, so they are denser around what they touch than their share tells.
+    pub(crate) fn changes(&self) -> Option<Vec<Run<'_>>> {
+        let all: u64 = self.batches.iter().map(|b| u64::from(b.points.count)).sum();
+        let changed = self.changes.as_ref().map_or(0, |points| u64::from(points.count));
+        (changed == 0 || 2 * changed < all).then(|| self.changes.iter().map(Sorted::run).collect())
     }
 
     /// The sorted points of all batches: position and direction, contribution and g.
@@ -229,17 +416,23 @@ impl Points {
     pub fn read(&self, gpu: &Gpu) -> Result<Vec<([u32; 4], [u32; 4])>> {
         let mut all = Vec::new();
         for batch in &self.batches {
-            let places = gpu.read::<[u32; 4]>("point places", &batch.places)?;
-            let lights = gpu.read::<[u32; 4]>("point lights", &batch.lights)?;
-            all.extend(places.into_iter().zip(lights).take(batch.count as usize));
+            let points = &batch.points;
+            let places = gpu.read::<[u32; 4]>("point places", &points.places)?;
+            let lights = gpu.read::<[u32; 4]>("point lights", &points.lights)?;
+            all.extend(places.into_iter().zip(lights).take(points.count as usize));
         }
         Ok(all)
     }
 
     /// Bytes of the sorted points and their tables.
     pub fn bytes(&self) -> u64 {
-        self.batches.iter().map(|b| b.places.size() + b.lights.size() + b.starts.size()).sum()
+        self.batches.iter().map(|b| b.points.bytes() + b.slots.size()).sum()
     }
+}
+
+fn of_batch<'a>(all: &'a [Arc<SortedBatch>], batch: &Batch) -> Option<&'a Arc<SortedBatch>> {
+    let key = (batch.light_id, batch.first_index);
+    all.iter().find(|b| b.key == key && b.photons == batch.photons)
 }
 
 fn record_kernel(gpu: &Gpu, scene: &DeviceScene, even: bool) -> Result<Arc<Kernel>> {

@@ -10,7 +10,7 @@ use crate::gpu::run::{Timing, milliseconds};
 use crate::photon::{Counters, SLOT_BYTES};
 use crate::reference::Reference;
 use crate::scene::{Method, Scene};
-use crate::segment::{LightField, SEGMENT_BYTES};
+use crate::segment::LightField;
 use crate::update::PhotonFrame;
 use crate::volume::Volume;
 
@@ -149,7 +149,7 @@ pub fn render(
         rays: scene.settings.rays,
         counts: Counters::default(),
         slot_bytes: SLOT_BYTES,
-        segment_bytes: SEGMENT_BYTES,
+        segment_bytes: 0,
         bytes: device.bytes(),
         stages: Vec::new(),
         total_ms: 0.0,
@@ -178,6 +178,7 @@ fn fill(frame: &PhotonFrame, gpu: &Gpu, report: &mut Report) -> Result<()> {
     report.photons = frame.scene.lights.photons.into();
     report.max_events = frame.map.max_events;
     report.segments = frame.segments.count();
+    report.segment_bytes = frame.segments.segment_bytes();
     report.counts = frame.counts(gpu)?;
     report.bytes.extend([
         ("photon slots", frame.map.bytes()),

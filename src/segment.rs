@@ -1,7 +1,10 @@
 //! View-ray segments, in screen bands, and their composite.
 //!
 //! A ray is cut into V_n uniform segments between its entry to the volume's bounds and
-//! its exit; each has its own colour, transmittance and history, 24 bytes.
+//! its exit; each has its own light, transmittance and history. Its light is a colour, 24
+//! bytes in all, or, from the points light field, integer sums, 32 bytes: what points that
+//! went have given is then taken out of them, and what came is added, and nothing else
+//! is gathered again.
 
 use std::sync::Arc;
 
@@ -20,7 +23,7 @@ use crate::photon::CounterBuffer;
 use crate::points::Points;
 use crate::render::{CONTRIBUTION, Progress, Split};
 use crate::scene::{Camera, Scene};
-use crate::work::{WorkList, fill};
+use crate::work::WorkList;
 
 shared_struct! {
     /// What the segment kernel is told; lengths in the volume's frame.
@@ -52,33 +55,23 @@ shared_struct! {
         /// Scale of the integer sums.
         pub scale: f32,
         /// 1 where sums begin at zero.
-        pub batch_first: u32,
-        /// 1 where the colour is finished.
-        pub batch_last: u32,
+        pub begins: u32,
         /// First of the sorted points that a dispatch gathers.
         pub points_begin: u32,
         /// The point before which it stops.
         pub points_end: u32,
+        /// Segments that are listed: [`LIST_READ`], [`LIST_LIT`].
+        pub which: u32,
         /// Bins of the entries that an edit changed.
         pub query: [u32; 2],
-    }
-}
-
-shared_struct! {
-    /// A computed segment.
-    pub struct Segment {
-        /// Radiance leaving it towards the viewer.
-        pub red: f32,
-        /// Green.
-        pub green: f32,
-        /// Blue.
-        pub blue: f32,
-        /// Through the whole segment, in [0, 1].
-        pub transmittance: f32,
-        /// Bins 0 to 31 of its history.
-        pub history_low: u32,
-        /// Bins 32 to 63.
-        pub history_high: u32,
+        /// Words of a segment.
+        pub stride: u32,
+        /// Keeps the size a multiple of 16.
+        pub pad0: u32,
+        /// The same.
+        pub pad1: u32,
+        /// The same.
+        pub pad2: u32,
     }
 }
 
@@ -97,17 +90,29 @@ shared_struct! {
         pub weight: f32,
         /// 1 where the film begins with this ray.
         pub fresh: u32,
+        /// Scale of the integer sums.
+        pub scale: f32,
+        /// Keeps the size a multiple of 16.
+        pub pad0: u32,
+        /// The same.
+        pub pad1: u32,
+        /// The same.
+        pub pad2: u32,
     }
 }
 
-/// A segment that was never computed: its transmittance is -1, its history all ones.
-const NEVER: [u32; 6] = [0, 0, 0, 0xbf80_0000, u32::MAX, u32::MAX];
+/// Lists the segments that read an entry that changed.
+pub const LIST_READ: u32 = 1;
+/// Lists the others that see light that changed.
+pub const LIST_LIT: u32 = 2;
 
 /// Parts in which the points are gathered, at most.
 const MAX_PARTS: u32 = 1 << 12;
 
-/// Bytes of a segment.
-pub const SEGMENT_BYTES: u64 = size_of::<Segment>() as u64;
+/// One segment, as the kernels keep it: light (red, green, blue), transmittance, history
+/// (two words); with the points light field the light is the low words of integer sums, and
+/// two more words hold what is above them.
+pub type Segment = [u32; 8];
 
 /// The light field that segments read.
 pub enum LightField {
@@ -115,6 +120,24 @@ pub enum LightField {
     Points(Points),
     /// The fluence grid.
     Fluence(Box<Fluence>),
+}
+
+/// Points that are gathered together.
+pub struct Run<'a> {
+    /// By the names that the segment kernel gives them.
+    pub bindings: Bindings<'a>,
+    /// How many points.
+    pub points: u32,
+}
+
+impl LightField {
+    /// See [`Points::changes`].
+    fn changes(&self) -> Option<Vec<Run<'_>>> {
+        match self {
+            Self::Points(points) => points.changes(),
+            Self::Fluence(_) => None,
+        }
+    }
 }
 
 /// The camera's part of the parameters, in the volume's frame.
@@ -193,8 +216,13 @@ impl SegmentMap {
         split: &Split,
     ) -> Result<Self> {
         let (camera, settings) = (&scene.camera, &scene.settings);
+        let stride = match field {
+            LightField::Points(_) => 8,
+            LightField::Fluence(_) => 6,
+        };
+        let bytes = 4 * stride as u64;
         let row = u64::from(camera.width) * u64::from(settings.segments);
-        let fit = gpu.max_binding() / SEGMENT_BYTES / row;
+        let fit = gpu.max_binding() / bytes / row;
         if fit == 0 {
             return Err(Error::capacity(
                 "segments",
@@ -203,7 +231,7 @@ impl SegmentMap {
                      lower `segments` or the image's width",
                     camera.width,
                     settings.segments,
-                    row * SEGMENT_BYTES,
+                    row * bytes,
                     gpu.max_binding()
                 ),
             ));
@@ -213,8 +241,7 @@ impl SegmentMap {
         for first_row in (0..camera.height).step_by(rows as usize) {
             let rows = rows.min(camera.height - first_row);
             let count = rows * row as u32;
-            let segments = gpu.buffer::<Segment>("segments", count as usize)?;
-            fill(gpu, "forget", &segments, &NEVER)?;
+            let segments = gpu.buffer::<u32>("segments", count as usize * stride)?;
             bands.push(Band {
                 first_row,
                 rows,
@@ -236,6 +263,7 @@ impl SegmentMap {
             params: SegmentParams {
                 segments: settings.segments,
                 scale,
+                stride: stride as u32,
                 ..camera_params(camera, &device.local_from_world)?
             },
             background: scene.background.as_vec3().to_array(),
@@ -244,7 +272,10 @@ impl SegmentMap {
             film: gpu.buffer::<[f32; 4]>("film", pixels)?,
             segment: segment_kernel(gpu, device, field)?,
             query: gpu.kernel("segment_query", &[])?,
-            composite: gpu.kernel("composite", &[])?,
+            composite: gpu.kernel(
+                "composite",
+                if matches!(field, LightField::Points(_)) { &["points"] } else { &[] },
+            )?,
         })
     }
 
@@ -265,30 +296,23 @@ impl SegmentMap {
     /// Looks from elsewhere, or at another background. Returns whether segments changed.
     ///
     /// # Errors
-    /// The camera is not placed yet; the device failed.
-    pub fn look(&mut self, gpu: &Gpu, scene: &Scene, device: &DeviceScene) -> Result<bool> {
+    /// The camera is not placed yet.
+    pub fn look(&mut self, scene: &Scene, device: &DeviceScene) -> Result<bool> {
         self.background = scene.background.as_vec3().to_array();
         let camera = camera_params(&scene.camera, &device.local_from_world)?;
-        let (segments, scale) = (self.params.segments, self.params.scale);
-        let params = SegmentParams { segments, scale, ..camera };
-        if params == self.params {
-            return Ok(false);
+        let SegmentParams { segments, scale, stride, .. } = self.params;
+        let params = SegmentParams { segments, scale, stride, ..camera };
+        let moved = params != self.params;
+        if moved {
+            self.params = params;
+            self.restart();
         }
-        self.params = params;
-        self.forget(gpu)?;
-        Ok(true)
+        Ok(moved)
     }
 
-    /// Marks every segment as never computed.
-    ///
-    /// # Errors
-    /// The device failed.
-    pub fn forget(&mut self, gpu: &Gpu) -> Result<()> {
-        for band in &mut self.bands {
-            fill(gpu, "forget", &band.segments, &NEVER)?;
-            band.fresh = true;
-        }
-        Ok(())
+    /// Has the next update compute every segment.
+    pub fn restart(&mut self) {
+        self.bands.iter_mut().for_each(|band| band.fresh = true);
     }
 
     /// Computes the segments that read an entry of `query`, or see light that changed, and
@@ -313,33 +337,49 @@ impl SegmentMap {
                 // Between rays a band holds another ray's segments.
                 if self.bands[i].fresh || rays > 1 {
                     self.bands[i].list.fill(gpu, split.shuffle);
+                    recomputed += self.gather(stage, (i, ray), &mut parts)?;
+                } else if let Some(runs) = stage.field.changes() {
+                    // Where nothing was read but light, light alone is corrected.
+                    self.list(stage, i, (query, LIST_LIT), split)?;
+                    recomputed += self.correct(stage, (i, ray), &runs, &mut parts)?;
+                    self.list(stage, i, (query, LIST_READ), split)?;
+                    recomputed += self.gather(stage, (i, ray), &mut parts)?;
                 } else {
-                    self.list(stage, i, query)?;
-                    self.bands[i].list.compact(gpu, split.shuffle)?;
-                    counters.read(gpu)?.all_finished("segment_query", "raise `segments`")?;
+                    self.list(stage, i, (query, LIST_READ | LIST_LIT), split)?;
+                    recomputed += self.gather(stage, (i, ray), &mut parts)?;
                 }
                 let band = &self.bands[i];
-                recomputed += u64::from(band.list.count);
-                if band.list.count > 0 {
-                    parts = self.gather(stage, (band, ray), parts)?;
-                }
                 self.composite(gpu, band, ray, rays)?;
                 let rows = u64::from(ray * self.params.height + band.first_row + band.rows);
                 progress.at("segment", rows, total);
             }
         }
+        if counters.read(gpu)?.overflown > 0 {
+            return Err(Error::capacity(
+                "segment",
+                "sums of light do not fit 52 bits; raise `flux_unit`, or lower `radius` and the \
+                 lights' power",
+            ));
+        }
         self.bands.iter_mut().for_each(|band| band.fresh = false);
         Ok([recomputed, u64::from(rays) * self.count()])
     }
 
-    fn list(&self, stage: &SegmentStage, band: usize, query: u64) -> Result<()> {
-        let band = &self.bands[band];
+    fn list(
+        &mut self,
+        stage: &SegmentStage,
+        band: usize,
+        (query, which): (u64, u32),
+        split: &Split,
+    ) -> Result<()> {
+        let band = &mut self.bands[band];
         let items = band.rows * self.params.width * self.params.segments;
         let params = SegmentParams {
             first_row: band.first_row,
             items,
             strata: self.strata,
             query: words(query),
+            which,
             ..self.params
         };
         let mut bindings = [stage.device.bindings(), stage.dirty.bindings()].concat();
@@ -350,67 +390,90 @@ impl SegmentMap {
         ]);
         let mut dispatch = stage.gpu.stage("segment_query");
         dispatch.dispatch(&self.query, u64::from(items) + 1, &bindings, &params)?;
-        dispatch.finish()
+        dispatch.finish()?;
+        stage.counters.read(stage.gpu)?.all_finished("segment_query", "raise `segments`")?;
+        band.list.compact(stage.gpu, split.shuffle)
     }
 
-    /// Computes the segments of a band. Where the driver ends the loops of a long gather,
-    /// the points are taken in more parts: sums of integers, so no bit depends on it.
-    /// Returns the parts that sufficed.
-    fn gather(
-        &self,
-        stage: &SegmentStage,
-        (band, ray): (&Band, u32),
-        mut parts: u32,
-    ) -> Result<u32> {
+    /// Computes the listed segments of a band from the whole light field. Where the driver
+    /// ends the loops of a long gather, the points are taken in more `parts`: sums of
+    /// integers, so no bit depends on it. Returns how many there are.
+    fn gather(&self, stage: &SegmentStage, at: (usize, u32), parts: &mut u32) -> Result<u64> {
         let (gpu, counters) = (stage.gpu, stage.counters);
+        let listed = self.bands[at.0].list.count.into();
+        if listed == 0 {
+            return Ok(0);
+        }
         let before = counters.read(gpu)?;
-        let most = match stage.field {
-            LightField::Fluence(_) => 1,
-            LightField::Points(_) => MAX_PARTS,
+        let (runs, most) = match stage.field {
+            LightField::Fluence(fluence) => {
+                (vec![Run { bindings: fluence.bindings(), points: 0 }], 1)
+            }
+            LightField::Points(points) => (points.runs(), MAX_PARTS),
         };
         loop {
-            self.gather_parts(stage, (band, ray), parts)?;
+            self.gather_runs(stage, at, &runs, (*parts, 1))?;
             let after = counters.read(gpu)?;
             if after.unfinished == 0 {
-                return Ok(parts);
+                return Ok(listed);
             }
-            if parts >= most {
+            if *parts >= most {
                 after.all_finished("segment", "raise `segments`, or lower `radius`")?;
             }
             counters.restore(gpu, &before);
-            parts *= 4;
+            *parts *= 4;
         }
     }
 
-    fn gather_parts(
+    /// Takes the points that went out of the listed segments of a band, and adds those that
+    /// came. Returns how many segments there are.
+    fn correct(
         &self,
         stage: &SegmentStage,
-        (band, ray): (&Band, u32),
-        parts: u32,
+        at: (usize, u32),
+        runs: &[Run],
+        parts: &mut u32,
+    ) -> Result<u64> {
+        let listed = self.bands[at.0].list.count;
+        if listed == 0 {
+            return Ok(0);
+        }
+        let before = stage.counters.read(stage.gpu)?;
+        self.gather_runs(stage, at, runs, (*parts, 0))?;
+        if stage.counters.read(stage.gpu)?.unfinished == 0 {
+            return Ok(listed.into());
+        }
+        // Half-corrected sums are of no use: all is gathered.
+        stage.counters.restore(stage.gpu, &before);
+        self.gather(stage, at, parts)
+    }
+
+    /// Gathers runs of points one after the other, each in `parts`, from `begins` = 1 on or
+    /// from the sums that are there.
+    fn gather_runs(
+        &self,
+        stage: &SegmentStage,
+        (band, ray): (usize, u32),
+        runs: &[Run],
+        (parts, begins): (u32, u32),
     ) -> Result<()> {
-        let batches: Vec<(Bindings, u32)> = match stage.field {
-            LightField::Fluence(fluence) => vec![(fluence.bindings(), 0)],
-            LightField::Points(points) => points.bindings(),
-        };
+        let band = &self.bands[band];
         let count = u64::from(band.list.count);
-        let last = batches.len() as u32 * parts - 1;
-        for (i, (batch, points)) in (0..).zip(&batches) {
-            let mut bindings = [stage.device.bindings(), batch.clone()].concat();
+        for (i, run) in runs.iter().enumerate() {
+            let mut bindings = [stage.device.bindings(), run.bindings.clone()].concat();
             bindings.extend([
                 ("work", (&band.list.items).into()),
                 ("segment_words", (&band.segments).into()),
                 ("counters", stage.counters.buffer().into()),
             ]);
             let bound =
-                |part: u32| (u64::from(*points) * u64::from(part) / u64::from(parts)) as u32;
+                |part: u32| (u64::from(run.points) * u64::from(part) / u64::from(parts)) as u32;
             for part in 0..parts {
-                let run = i * parts + part;
                 let params = SegmentParams {
                     first_row: band.first_row,
                     strata: self.strata,
                     ray,
-                    batch_first: u32::from(run == 0),
-                    batch_last: u32::from(run == last),
+                    begins: begins * u32::from(i == 0 && part == 0),
                     points_begin: bound(part),
                     points_end: bound(part + 1),
                     ..self.params
@@ -435,8 +498,10 @@ impl SegmentMap {
             segments: self.params.segments,
             weight: 1.0 / rays as f32,
             fresh: u32::from(ray == 0),
+            scale: self.params.scale,
+            ..Default::default()
         };
-        let bindings = [("segments", (&band.segments).into()), ("film", (&self.film).into())];
+        let bindings = [("segment_words", (&band.segments).into()), ("film", (&self.film).into())];
         let mut stage = gpu.stage("composite");
         stage.dispatch(&self.composite, params.pixels.into(), &bindings, &params)?;
         stage.finish()
@@ -460,9 +525,15 @@ impl SegmentMap {
     /// # Errors
     /// The device failed.
     pub fn read(&self, gpu: &Gpu) -> Result<Vec<Segment>> {
+        let stride = self.params.stride as usize;
         let mut all = Vec::new();
         for band in &self.bands {
-            all.extend(gpu.read::<Segment>("segments", &band.segments)?);
+            let words = gpu.read::<u32>("segments", &band.segments)?;
+            all.extend(words.chunks_exact(stride).map(|segment| {
+                let mut words = Segment::default();
+                words[..stride].copy_from_slice(segment);
+                words
+            }));
         }
         Ok(all)
     }
@@ -477,6 +548,11 @@ impl SegmentMap {
     /// Bytes of the work lists.
     pub fn list_bytes(&self) -> u64 {
         self.bands.iter().map(|band| band.list.bytes()).sum()
+    }
+
+    /// Bytes of a segment.
+    pub fn segment_bytes(&self) -> u64 {
+        4 * u64::from(self.params.stride)
     }
 
     /// Bytes of all segments.

@@ -19,7 +19,7 @@ use crate::photon::{CounterBuffer, Counters, PhotonMap, PhotonParams};
 use crate::points::Points;
 use crate::query::{CHANGE_EMISSION, CHANGE_FALLEN, CHANGE_RISEN, Query};
 use crate::render::{Progress, Split};
-use crate::scene::{Estimator, Scene, Weighting};
+use crate::scene::{Estimator, Scene, Spatial, Weighting};
 use crate::segment::{LightField, SegmentMap, SegmentStage};
 
 /// What an edit can reach.
@@ -108,8 +108,7 @@ impl PhotonFrame {
                 (LightField::Points(points), name, radius as f32)
             }
         };
-        let points = matches!(field, LightField::Points(_));
-        let map = PhotonMap::new(gpu, &device, &light_ids(scene), settings, points, split)?;
+        let map = PhotonMap::new(gpu, &device, &light_ids(scene), settings, split)?;
         let segments = SegmentMap::new(gpu, scene, &device, &field, rays, split)?;
         Ok(Self {
             dirty: Dirty::new(gpu, &device, reach, settings.spatial)?,
@@ -136,7 +135,7 @@ impl PhotonFrame {
         split: &Split,
         progress: &mut Progress,
     ) -> Result<Updated> {
-        self.forget(gpu)?;
+        self.restart();
         self.counters.clear(gpu);
         self.update(gpu, split, progress)
     }
@@ -207,7 +206,7 @@ impl PhotonFrame {
         self.query.add(&change);
         self.scene.edit(gpu, table, lights, &self.query);
         self.map.arrange(gpu, &self.scene.lights, &light_ids(scene))?;
-        let moved = self.segments.look(gpu, scene, &self.scene)?;
+        let moved = self.segments.look(scene, &self.scene)?;
         let repainted = scene.background != self.source.background;
         self.source = scene.clone();
         if !suits {
@@ -216,7 +215,7 @@ impl PhotonFrame {
                 points.respecialise(gpu, &self.scene)?;
             }
             self.segments.respecialise(gpu, &self.scene, &self.field)?;
-            self.forget(gpu)?;
+            self.restart();
             return Ok(Scope::Everything(
                 "the scene is the first or the last with emission or anisotropic scattering: \
                  other kernels",
@@ -271,28 +270,19 @@ impl PhotonFrame {
                 let silent = &mut Progress::silent();
                 fluence.deposit(gpu, &self.scene, slots, &self.counters, silent)?;
             }
-            LightField::Fluence(_) => {}
-            LightField::Points(_) => {
-                self.map.blank_journal(gpu)?;
-                for part in self.map.parts(batch) {
-                    self.map.compare(gpu, batch, &part, (&self.counters, &self.dirty), -1)?;
-                }
-            }
+            // Sums that are not current begin anew; points are compared with those seen.
+            LightField::Fluence(_) | LightField::Points(_) => {}
         }
         let batch = &mut self.map.batches[index];
         (batch.stale, batch.relit) = (true, false);
         batch.forget(gpu)
     }
 
-    /// Marks everything as never computed.
-    fn forget(&mut self, gpu: &Gpu) -> Result<()> {
-        for batch in &mut self.map.batches {
-            batch.forget(gpu)?;
-            (batch.stale, batch.relit) = (true, false);
-        }
-        self.segments.forget(gpu)?;
+    /// Has the next update compute everything.
+    fn restart(&mut self) {
+        self.map.batches.iter_mut().for_each(|b| (b.stale, b.relit) = (true, false));
+        self.segments.restart();
         (self.fresh, self.pending) = (true, true);
-        Ok(())
     }
 
     /// Computes what edits have touched since the last update that came to its end, unless
@@ -316,7 +306,7 @@ impl PhotonFrame {
         };
         if self.pending {
             if self.fresh {
-                self.forget(gpu)?;
+                self.restart();
             }
             done.listed = self.list_photons(gpu, split)?;
             if !self.photons(gpu, done.listed, progress)? || progress.stops("light field") {
@@ -372,7 +362,7 @@ impl PhotonFrame {
                 self.map.copy(gpu, batch, &part, 1)?;
                 let listed = (batch, part.clone(), true);
                 self.map.trace(gpu, &self.scene, &self.counters, listed, progress)?;
-                self.map.compare(gpu, batch, &part, (&self.counters, &self.dirty), 1)?;
+                self.map.compare(gpu, batch, &part, &self.counters)?;
                 if let LightField::Fluence(fluence) = &self.field
                     && fluence.current
                 {
@@ -396,7 +386,9 @@ impl PhotonFrame {
             LightField::Points(points) => {
                 let reached = self.query.changes.iter().any(|c| c & points.columns() != 0);
                 let map = (&mut self.map, self.fresh || reached);
-                points.build(gpu, &self.scene, map, &self.dirty, progress)
+                points.build(gpu, &self.scene, map, progress)?;
+                let lit = !self.fresh && self.source.settings.spatial != Spatial::Off;
+                if lit { points.compare(gpu, &self.dirty) } else { Ok(()) }
             }
             LightField::Fluence(fluence) => {
                 if !fluence.current {
@@ -411,8 +403,11 @@ impl PhotonFrame {
     /// Computes the segments that read what changed or see light that did, and the image.
     fn view(&mut self, gpu: &Gpu, split: &Split, progress: &mut Progress) -> Result<[u64; 2]> {
         let read = match self.field {
-            LightField::Fluence(_) => u32::MAX,
-            LightField::Points(_) => CHANGE_RISEN | CHANGE_FALLEN | CHANGE_EMISSION,
+            LightField::Points(_) if self.source.settings.spatial != Spatial::Off => {
+                CHANGE_RISEN | CHANGE_FALLEN | CHANGE_EMISSION
+            }
+            // Without a spatial test a segment stands for the photons of its own values, too.
+            _ => u32::MAX,
         };
         self.dirty.project(gpu)?;
         let stage = SegmentStage {
@@ -429,6 +424,9 @@ impl PhotonFrame {
     /// All is as the scene has it: nothing remains noted.
     fn settle(&mut self, gpu: &Gpu) -> Result<()> {
         self.query = Query::default();
+        if let LightField::Points(points) = &mut self.field {
+            points.settle();
+        }
         self.map.batches.iter_mut().for_each(|b| (b.relit, b.stale) = (false, false));
         (self.fresh, self.pending) = (false, false);
         self.dirty.clear(gpu)

@@ -21,7 +21,6 @@ const LAYOUTS: &[Layout] = &[
     fluence::FluenceParams::LAYOUT,
     points::PointsParams::LAYOUT,
     segment::SegmentParams::LAYOUT,
-    segment::Segment::LAYOUT,
     segment::CompositeParams::LAYOUT,
     reference::ReferenceParams::LAYOUT,
     photogram::dirty::DirtyGrid::LAYOUT,
@@ -138,14 +137,14 @@ fn no_bound_struct_is_unchecked() {
 }
 
 #[test]
-#[should_panic(expected = "Segment")]
+#[should_panic(expected = "CompositeParams")]
 fn a_wrong_layout_is_found() {
-    let mut wrong = segment::Segment::LAYOUT;
-    wrong.members = &[("red", 4, 4)];
+    let mut wrong = segment::CompositeParams::LAYOUT;
+    wrong.members = &[("background", 4, 12)];
     let source = compose("composite", &[]).expect("composes");
     let module = parse("composite", &source).expect("parses");
     for (_, ty) in module.types.iter() {
-        if let (TypeInner::Struct { members, span }, Some("Segment")) =
+        if let (TypeInner::Struct { members, span }, Some("CompositeParams")) =
             (&ty.inner, ty.name.as_deref())
         {
             check("composite", &wrong, members, *span, &module);

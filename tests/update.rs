@@ -289,13 +289,14 @@ fn a_transparent_value_made_opaque_stops_what_had_flown_through_and_left() {
 
 #[test]
 fn awkward_edits_are_exact() {
-    let edits: [(&str, fn(&mut Scene)); 9] = [
+    let edits: [(&str, fn(&mut Scene)); 10] = [
         ("everything changes", |s| s.materials.iter_mut().for_each(|m| m.extinction *= 0.5)),
         ("all is removed", |s| s.materials.clear()),
         ("the occluder goes", |s| s.materials.retain(|m| m.name != "soft")),
         ("colour of what only absorbs", |s| s.materials[1].scatter = 0.0),
         ("emission comes", |s| s.materials[2].emission = DVec3::new(0.1, 0.0, 0.0)),
         ("a light goes", |s| drop(s.lights.remove(0))),
+        ("all lights go", |s| s.lights.clear()),
         ("a light goes out", |s| s.lights[0].emitted = DVec3::ZERO),
         ("the background", |s| s.background = DVec3::ONE),
         ("the top value", |s| s.materials[2].ramp = vec![[-2000.0, 0.0], [9000.0, 1.0]]),

@@ -12,6 +12,7 @@ const INVALID: u32 = 7u;       // photons with a flight to be traced again
 const REWEIGHED: u32 = 8u;     // photons with a slot whose power alone is found again
 const CHANGED: u32 = 9u;       // photons that tracing again has changed
 const UNFINISHED: u32 = 10u;   // items whose loops the driver ended
+const OVERFLOWN: u32 = 11u;    // segments whose sums do not fit
 
 @group(0) @binding(7) var<storage, read_write> counters: array<atomic<u32>>;
 

@@ -11,6 +11,10 @@ struct PointsParams {
     shift: u32,
     buckets: u32,
     kernel: f32,           // 1 / (4/3 pi r^3)
+    first: u32,            // place of the first that is taken
+    sign: f32,             // -1: what is taken has gone
+    pad0: u32,
+    pad1: u32,
 }
 
 fn points_cell(position: vec3<f32>, params: PointsParams) -> vec3<i32> {

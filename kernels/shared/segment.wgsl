@@ -19,21 +19,21 @@ struct SegmentParams {
     strata: vec2<u32>,      // rays a pixel, across and down
     ray: u32,               // which of them; one stratum is the pixel's centre
     scale: f32,             // of integer sums
-    batch_first: u32,       // 1: sums begin at zero
-    batch_last: u32,        // 1: the colour is finished
+    begins: u32,            // 1: sums begin at zero
     points_begin: u32,      // the part of the sorted points that this dispatch gathers
     points_end: u32,
+    which: u32,             // segments that are listed: LIST_READ, LIST_LIT
     query: vec2<u32>,       // bins of the entries that an edit changed
+    stride: u32,            // words of a segment
+    pad0: u32,
+    pad1: u32,
+    pad2: u32,
 }
 
-struct Segment {
-    red: f32,
-    green: f32,
-    blue: f32,
-    transmittance: f32,
-    history_low: u32,
-    history_high: u32,
-}
+// Words of a segment beside its light: those are words 0 to 2, and 6 and 7 where they are
+// integer sums.
+const TRANSMITTANCE: u32 = 3u;
+const HISTORY: u32 = 4u;
 
 // What one segment covers of its ray.
 struct Span {

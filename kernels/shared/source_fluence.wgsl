@@ -42,7 +42,3 @@ fn gather(
     let light = weight / (4.0 * PI) * scattering[entry].rgb * fluence_at(point);
     return Gathered(so_far.radiance + light, so_far.clamped, so_far.tested + 1u);
 }
-
-fn radiance_of(gathered: Gathered, scale: f32) -> vec3<f32> {
-    return gathered.radiance;
-}

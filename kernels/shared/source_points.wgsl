@@ -1,12 +1,14 @@
 // In-scattered light at a march sample from the points light field: every photon in
-// the sphere of the gather radius, H(8), as rounded integers.
+// the sphere of the gather radius, H(8), as rounded integers. The light of a photon that
+// has gone counts negative, and is taken out.
 
 import package::shared::counter::expect;
 import package::shared::phase::phase;
 import package::shared::points::{PointsParams, points_cell, points_key};
 import package::shared::segment::SegmentParams;
+import package::shared::segment_sums::Sums;
 import package::shared::slot::unpack_direction;
-import package::shared::sum64::{rounded, add_with_carry, sum_to_float};
+import package::shared::sum64::{rounded, merged};
 
 @group(0) @binding(11) var<uniform> field: PointsParams;
 @group(0) @binding(12) var<storage, read> point_places: array<vec4<u32>>;
@@ -15,9 +17,7 @@ import package::shared::sum64::{rounded, add_with_carry, sum_to_float};
 
 // Light gathered so far, in the units of the sums.
 struct Gathered {
-    red: vec2<u32>,
-    green: vec2<u32>,
-    blue: vec2<u32>,
+    sums: Sums,
     clamped: u32,
     tested: u32,
 }
@@ -42,13 +42,16 @@ fn with_point(i: u32, q: Query, so_far: Gathered) -> Gathered {
     @if(anisotropic) {
         share *= phase(light.a, dot(unpack_direction(place.w), q.toward));
     }
-    let r = rounded(share.r);
-    let g = rounded(share.g);
-    let b = rounded(share.b);
+    let r = rounded(abs(share.r));
+    let g = rounded(abs(share.g));
+    let b = rounded(abs(share.b));
+    let gone = (bitcast<u32>(light.r) >> 31u) == 1u;
     return Gathered(
-        add_with_carry(so_far.red, r.value),
-        add_with_carry(so_far.green, g.value),
-        add_with_carry(so_far.blue, b.value),
+        Sums(
+            merged(so_far.sums.red, r.value, gone),
+            merged(so_far.sums.green, g.value, gone),
+            merged(so_far.sums.blue, b.value, gone)
+        ),
         so_far.clamped + u32(r.clamped) + u32(g.clamped) + u32(b.clamped),
         so_far.tested
     );
@@ -82,12 +85,4 @@ fn gather(
     }
     expect(z > high.z);
     return sum;
-}
-
-// The radiance that the sums stand for.
-fn radiance_of(gathered: Gathered, scale: f32) -> vec3<f32> {
-    let sums = vec3(
-        sum_to_float(gathered.red), sum_to_float(gathered.green), sum_to_float(gathered.blue)
-    );
-    return sums / scale;
 }

@@ -13,9 +13,23 @@ fn rounded(contribution: f32) -> Rounded {
     return Rounded(u32(clamp(contribution + 0.5, 0.0, LARGEST)), !(contribution < LARGEST));
 }
 
-fn add_with_carry(sum: vec2<u32>, value: u32) -> vec2<u32> {
+// A sum with a value added, or taken out.
+fn merged(sum: vec2<u32>, value: u32, out: bool) -> vec2<u32> {
+    if out { return vec2<u32>(sum.x - value, sum.y - select(0u, 1u, sum.x < value)); }
     let low = sum.x + value;
     return vec2<u32>(low, sum.y + select(0u, 1u, low < value));
+}
+
+fn total(sum: vec2<u32>, more: vec2<u32>) -> vec2<u32> {
+    let low = sum.x + more.x;
+    return vec2<u32>(low, sum.y + more.y + select(0u, 1u, low < more.x));
+}
+
+// A contribution that may be larger than 32 bits, rounded once.
+fn rounded_wide(contribution: f32) -> vec2<u32> {
+    if contribution < LARGEST { return vec2<u32>(rounded(contribution).value, 0u); }
+    let high = floor(contribution / 4294967296.0);
+    return vec2<u32>(u32(contribution - high * 4294967296.0), u32(min(high, 1048575.0)));
 }
 
 fn sum_to_float(sum: vec2<u32>) -> f32 {

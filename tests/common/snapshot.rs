@@ -15,7 +15,7 @@ pub struct Snapshot {
     pub slots: Vec<[[u32; 4]; 2]>,
     /// The light field's words.
     pub field: Vec<[u32; 8]>,
-    pub segments: Vec<[u32; 6]>,
+    pub segments: Vec<Segment>,
     pub pixels: Vec<[u32; 3]>,
     pub counts: Counters,
 }
@@ -59,7 +59,7 @@ pub fn snapshot(gpu: &Gpu, frame: &PhotonFrame) -> Snapshot {
     Snapshot {
         slots,
         field,
-        segments: segments.iter().map(|s: &Segment| bytemuck::cast(*s)).collect(),
+        segments,
         pixels: image.rgb.iter().map(|p| p.map(f32::to_bits)).collect(),
         counts: frame.counts(gpu).expect("reads"),
     }

@@ -1,0 +1,32 @@
+// The points that came, or went (sign -1: their light counts negative), of one batch behind
+// those of the batches before. `ranks` is the prefix sum of the marks.
+
+import package::constants::GROUP;
+import package::shared::item::item_index;
+import package::shared::points::PointsParams;
+
+@group(0) @binding(8) var<uniform> params: PointsParams;
+@group(0) @binding(9) var<storage, read> ranks: array<u32>;
+@group(0) @binding(10) var<storage, read> keys: array<u32>;
+@group(0) @binding(11) var<storage, read> point_places: array<vec4<u32>>;
+@group(0) @binding(12) var<storage, read> point_lights: array<vec4<f32>>;
+@group(0) @binding(13) var<storage, read_write> taken_keys: array<u32>;
+@group(0) @binding(14) var<storage, read_write> taken_order: array<u32>;
+@group(0) @binding(15) var<storage, read_write> taken_places: array<vec4<u32>>;
+@group(0) @binding(16) var<storage, read_write> taken_lights: array<vec4<f32>>;
+
+@compute @workgroup_size(GROUP)
+fn main(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let point = item_index(group, groups, local);
+    if point >= params.count || ranks[point] == ranks[point + 1u] { return; }
+    let at = params.first + ranks[point];
+    let light = point_lights[point];
+    taken_keys[at] = keys[point];
+    taken_order[at] = at;
+    taken_places[at] = point_places[point];
+    taken_lights[at] = vec4<f32>(light.rgb * params.sign, light.a);
+}
