@@ -99,12 +99,19 @@ impl DeviceScene {
     /// # Errors
     /// The scene is not settled, or the device refuses.
     pub fn new(gpu: &Gpu, scene: &Scene, volume: &Volume) -> Result<Self> {
+        Self::with_bins(gpu, scene, volume, Bins::uniform(MARK_CLASSES))
+    }
+
+    /// The same with other bins of histories, to compare them.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_bins(gpu: &Gpu, scene: &Scene, volume: &Volume, bins: Bins) -> Result<Self> {
         let settings = &scene.settings;
         let majorant = settings
             .majorant
             .ok_or_else(|| Error::setting("the scene has no majorant: settle it first"))?;
         let table = Table::build(&scene.materials, volume.range(), Some(majorant));
-        let bins = Bins::uniform(MARK_CLASSES);
         let cells = MacroCells::of(volume);
         let local_from_world = volume.local_from_world();
         let lights = Lights::of(scene, &local_from_world)?;

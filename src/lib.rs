@@ -7,6 +7,7 @@
 //! [`render()`](render::render) is that, one line a stage. [`mod@reference`] is the unbiased path
 //! tracer that everything is judged by, with [`metrics`].
 
+pub mod bench;
 pub mod demo;
 pub mod dirty;
 pub mod error;

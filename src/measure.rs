@@ -7,19 +7,23 @@ use crate::film::Image;
 use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
 use crate::gpu::run::{Timing, milliseconds};
+use crate::photon::Counters;
 use crate::render::{Progress, Split};
 use crate::scene::Scene;
 use crate::segment::{LightField, Segment};
-use crate::update::{PhotonFrame, Scope, Updated};
+use crate::update::{Phases, PhotonFrame, Scope, Updated};
 use crate::volume::Volume;
 
 /// Time by stage.
-#[derive(Clone, Debug, serde::Serialize)]
+#[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct Cost {
     /// Time in each kernel.
     pub stages: Vec<Timing>,
     /// Wall-clock time, ms.
     pub total: f64,
+    /// The stages' times, summed by phase.
+    #[serde(skip)]
+    pub phases: Phases,
 }
 
 /// What an update left that a rebuild would not have: all zero, or a bug.
@@ -42,8 +46,8 @@ pub struct Measured {
     pub scope: Scope,
     /// What the update did.
     pub updated: Updated,
-    /// Visits of the full rebuild.
-    pub full_visits: u64,
+    /// What the full rebuild counted.
+    pub full_counts: Counters,
     /// The fastest full rebuild: no histories, no lists, no comparing.
     pub full: Cost,
     /// Edit and update.
@@ -64,32 +68,54 @@ pub fn measure(
     verify: bool,
     progress: &mut Progress,
 ) -> Result<Measured> {
-    let split = Split::default();
-    gpu.take_timings();
-    let begun = Instant::now();
-    let scope = frame.edit(gpu, scene, &split)?;
-    let updated = frame.update(gpu, &split, progress)?;
-    let incremental = cost(gpu, begun);
-
+    let (scope, updated, incremental) = update(gpu, frame, scene, progress)?;
     let mut plain = scene.clone();
     plain.settings.history = false;
-    // Kernels are compiled and memory is there before the clock runs, as for the update.
     let mut fastest = fresh(gpu, &plain, volume)?;
-    gpu.take_timings();
-    let begun = Instant::now();
-    let full_visits = fastest.rebuild(gpu, &split, progress)?.counts.visits();
-    let full = cost(gpu, begun);
+    let (rebuilt, full) = rebuild(gpu, &mut fastest, progress)?;
     drop(fastest);
 
     let mismatches = match verify {
         false => None,
         true => {
             let mut rebuilt = fresh(gpu, scene, volume)?;
-            rebuilt.rebuild(gpu, &split, progress)?;
+            rebuilt.rebuild(gpu, &Split::default(), progress)?;
             Some(compare(gpu, frame, &rebuilt)?)
         }
     };
-    Ok(Measured { scope, updated, full_visits, full, incremental, mismatches })
+    Ok(Measured { scope, updated, full_counts: rebuilt.counts, full, incremental, mismatches })
+}
+
+/// Applies an edited scene to a frame.
+///
+/// # Errors
+/// The edit does not suit the frame; the device failed.
+pub fn update(
+    gpu: &Gpu,
+    frame: &mut PhotonFrame,
+    scene: &Scene,
+    progress: &mut Progress,
+) -> Result<(Scope, Updated, Cost)> {
+    gpu.take_timings();
+    let begun = Instant::now();
+    let scope = frame.edit(gpu, scene, &Split::default())?;
+    let updated = frame.update(gpu, &Split::default(), progress)?;
+    Ok((scope, updated, cost(gpu, begun, &updated)))
+}
+
+/// Rebuilds a frame, its memory and kernels being there before the clock runs.
+///
+/// # Errors
+/// The device failed.
+pub fn rebuild(
+    gpu: &Gpu,
+    frame: &mut PhotonFrame,
+    progress: &mut Progress,
+) -> Result<(Updated, Cost)> {
+    gpu.take_timings();
+    let begun = Instant::now();
+    let rebuilt = frame.rebuild(gpu, &Split::default(), progress)?;
+    Ok((rebuilt, cost(gpu, begun, &rebuilt)))
 }
 
 /// A frame with one ray a pixel, of which nothing is computed yet.
@@ -101,9 +127,9 @@ pub fn fresh(gpu: &Gpu, scene: &Scene, volume: &Volume) -> Result<PhotonFrame> {
     PhotonFrame::new(gpu, scene, device, 1, &Split::default())
 }
 
-fn cost(gpu: &Gpu, begun: Instant) -> Cost {
+fn cost(gpu: &Gpu, begun: Instant, updated: &Updated) -> Cost {
     let total = milliseconds(begun.elapsed());
-    Cost { stages: gpu.take_timings().rows().to_vec(), total }
+    Cost { stages: gpu.take_timings().rows().to_vec(), total, phases: updated.phases }
 }
 
 /// What differs between two frames of the same scene.

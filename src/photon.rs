@@ -549,10 +549,14 @@ impl PhotonMap {
         self.batches.iter().map(|b| b.places.size() + b.states.size()).sum()
     }
 
-    /// Bytes of tasks, work lists and journal.
+    /// Bytes of tasks and work lists.
     pub fn list_bytes(&self) -> u64 {
-        let lists = self.batches.iter().map(|b| b.tasks.size() + b.list.bytes()).sum::<u64>();
-        lists + self.old_places.size() + self.old_states.size()
+        self.batches.iter().map(|b| b.tasks.size() + b.list.bytes()).sum()
+    }
+
+    /// Bytes of the journal.
+    pub fn journal_bytes(&self) -> u64 {
+        self.old_places.size() + self.old_states.size()
     }
 }
 

@@ -180,10 +180,13 @@ fn fill(frame: &PhotonFrame, gpu: &Gpu, report: &mut Report) -> Result<()> {
     report.segments = frame.segments.count();
     report.segment_bytes = frame.segments.segment_bytes();
     report.counts = frame.counts(gpu)?;
+    let lists = frame.list_bytes();
     report.bytes.extend([
         ("photon slots", frame.map.bytes()),
         ("segments", frame.segments.bytes()),
-        ("lists", frame.update_bytes()),
+        ("photon lists", lists.photons),
+        ("journal", lists.journal),
+        ("segment lists", lists.segments),
     ]);
     match &frame.field {
         LightField::Points(points) => {

@@ -33,8 +33,30 @@ pub enum Scope {
     Everything(&'static str),
 }
 
+/// Bytes that updates need beside slots and segments.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ListBytes {
+    /// Tasks and work lists of photons.
+    pub photons: u64,
+    /// Old slots of the photons that are worked on.
+    pub journal: u64,
+    /// Work lists of segments, and marks of changed light.
+    pub segments: u64,
+}
+
+/// Time in the kernels of an update, ms.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Phases {
+    /// Finding, tracing and weighing photons, and moving their flights in the fluence.
+    pub photons: f64,
+    /// Bringing the light field up to date.
+    pub light_field: f64,
+    /// Finding and computing segments, and the image.
+    pub segments: f64,
+}
+
 /// What an update did.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Updated {
     /// Whether it came to its end; else it was abandoned.
     pub finished: bool,
@@ -48,6 +70,8 @@ pub struct Updated {
     pub segments: u64,
     /// What the stages counted, from the edit on.
     pub counts: Counters,
+    /// What they took.
+    pub phases: Phases,
 }
 
 /// Everything that the photon map of one scene keeps on the device.
@@ -308,15 +332,23 @@ impl PhotonFrame {
             if self.fresh {
                 self.restart();
             }
+            let begun = gpu.measured_ms();
             done.listed = self.list_photons(gpu, split)?;
             if !self.photons(gpu, done.listed, progress)? || progress.stops("light field") {
                 return Ok(done);
             }
+            let traced = gpu.measured_ms();
             self.light_field(gpu, progress)?;
             if progress.stops("segments") {
                 return Ok(done);
             }
+            let lit = gpu.measured_ms();
             [done.recomputed, done.segments] = self.view(gpu, split, progress)?;
+            done.phases = Phases {
+                photons: traced - begun,
+                light_field: lit - traced,
+                segments: gpu.measured_ms() - lit,
+            };
             self.settle(gpu)?;
         }
         (done.finished, done.counts) = (true, self.counts(gpu)?);
@@ -432,9 +464,13 @@ impl PhotonFrame {
         self.dirty.clear(gpu)
     }
 
-    /// Bytes of lists, journal and marks: what updates need beside slots and segments.
-    pub fn update_bytes(&self) -> u64 {
-        self.map.list_bytes() + self.segments.list_bytes() + self.dirty.bytes()
+    /// What updates need beside slots and segments.
+    pub fn list_bytes(&self) -> ListBytes {
+        ListBytes {
+            photons: self.map.list_bytes(),
+            journal: self.map.journal_bytes(),
+            segments: self.segments.list_bytes() + self.dirty.bytes(),
+        }
     }
 }
 

@@ -252,6 +252,11 @@ impl Gpu {
         std::mem::take(&mut lock(&self.timings))
     }
 
+    /// The sum of the times measured since [`Self::take_timings`], ms.
+    pub fn measured_ms(&self) -> f64 {
+        lock(&self.timings).ms("")
+    }
+
     /// The first fault that the device reported since the last look, if any.
     pub(crate) fn check(&self, stage: &str) -> Result<()> {
         let mut faults = lock(&self.faults);

@@ -1,0 +1,130 @@
+//! Measurements of edits: the tables and figures of the Historygrams paper on our scenes,
+//! and what else an update is judged by. Each gives a [`Report`]: sheets and charts.
+//!
+//! Times are kernel times by phase ([`crate::update::Phases`]) and wall-clock totals, the
+//! medians of several runs; ratios are between figures of one run on one adapter.
+
+pub mod bins;
+pub mod overhead;
+mod report;
+pub mod sweeps;
+pub mod table1;
+pub mod visits;
+
+use crate::error::Result;
+use crate::gpu::Gpu;
+use crate::gpu::run::Timing;
+use crate::measure::{self, Cost};
+use crate::render::Progress;
+use crate::scene::{Scale, Scene};
+use crate::update::{PhotonFrame, Phases, Updated};
+use crate::volume::Volume;
+
+pub use report::{Chart, Report, Series, Sheet};
+
+/// How much is measured.
+#[derive(Clone, Copy, Debug)]
+pub struct Effort {
+    /// Size of the scenes.
+    pub scale: Scale,
+    /// Runs of each measurement, of which the median counts.
+    pub runs: usize,
+}
+
+/// A built-in scene by name, not settled yet.
+fn built_in(name: &str) -> Result<Scene> {
+    let text = match name {
+        "cornell" => include_str!("../../data/scenes/cornell.toml"),
+        "engine" => include_str!("../../data/scenes/engine.toml"),
+        "torso" => include_str!("../../data/scenes/torso.toml"),
+        "kidneys" => include_str!("../../data/scenes/kidneys.toml"),
+        _ => include_str!("../../data/scenes/hand.toml"),
+    };
+    Scene::parse(text, name)
+}
+
+/// An edit, applied and undone `runs` times over.
+struct Edited {
+    updated: Updated,
+    /// Medians.
+    cost: Cost,
+}
+
+fn edited(
+    gpu: &Gpu,
+    frame: &mut PhotonFrame,
+    (before, after): (&Scene, &Scene),
+    runs: usize,
+    progress: &mut Progress,
+) -> Result<Edited> {
+    let mut costs = Vec::new();
+    let mut last = Updated::default();
+    for _ in 0..runs {
+        let (_, updated, cost) = measure::update(gpu, frame, after, progress)?;
+        costs.push(cost);
+        last = updated;
+        measure::update(gpu, frame, before, progress)?;
+    }
+    Ok(Edited { updated: last, cost: typical(&costs) })
+}
+
+/// A full rebuild, `runs` times over.
+fn rebuilt(
+    gpu: &Gpu,
+    scene: &Scene,
+    volume: &Volume,
+    runs: usize,
+    progress: &mut Progress,
+) -> Result<Edited> {
+    let mut frame = measure::fresh(gpu, scene, volume)?;
+    let mut costs = Vec::new();
+    let mut last = Updated::default();
+    for _ in 0..runs {
+        let (updated, cost) = measure::rebuild(gpu, &mut frame, progress)?;
+        costs.push(cost);
+        last = updated;
+    }
+    Ok(Edited { updated: last, cost: typical(&costs) })
+}
+
+/// The scene with histories compiled out.
+fn without_histories(scene: &Scene) -> Scene {
+    let mut plain = scene.clone();
+    plain.settings.history = false;
+    plain
+}
+
+/// Medians of totals, phases and stages.
+fn typical(costs: &[Cost]) -> Cost {
+    let of = |value: &dyn Fn(&Cost) -> f64| median(costs.iter().map(value).collect());
+    let rows = |c: &Cost, name: &str| {
+        c.stages.iter().find(|t| t.stage == name).map_or(0.0, |t| t.ms)
+    };
+    let stages = costs.first().map_or(&[][..], |c| &c.stages).iter().map(|first| Timing {
+        ms: of(&|c| rows(c, first.stage)),
+        ..first.clone()
+    });
+    Cost {
+        stages: stages.collect(),
+        total: of(&|c| c.total),
+        phases: Phases {
+            photons: of(&|c| c.phases.photons),
+            light_field: of(&|c| c.phases.light_field),
+            segments: of(&|c| c.phases.segments),
+        },
+    }
+}
+
+/// The median; NaN of nothing.
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    match values.len() {
+        0 => f64::NAN,
+        n if n % 2 == 1 => values[n / 2],
+        n => (values[n / 2 - 1] + values[n / 2]) / 2.0,
+    }
+}
+
+fn percent(part: u64, whole: u64) -> f64 {
+    100.0 * part as f64 / whole.max(1) as f64
+}

@@ -1,0 +1,58 @@
+//! What keeping histories costs a full rebuild: compiled out against in, interleaved.
+
+use serde_json::json;
+
+use super::{Effort, Report, Sheet, built_in, median, without_histories};
+use crate::error::Result;
+use crate::gpu::Gpu;
+use crate::measure;
+use crate::render::Progress;
+use crate::scene::Estimator;
+
+const SCENES: [&str; 5] = ["hand", "cornell", "engine", "torso", "kidneys"];
+
+/// Measures the five built-in scenes with both light fields.
+///
+/// # Errors
+/// Memory does not suffice; the device failed.
+pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report> {
+    let mut report = Report::new(gpu, "overhead", effort);
+    let columns = ["scene", "light field", "without ms", "with ms", "overhead %", "of tracing %"];
+    let mut sheet = Sheet::new("overhead", &columns);
+    for (i, name) in SCENES.into_iter().enumerate() {
+        for estimator in [Estimator::Fluence, Estimator::Points] {
+            progress.at("overhead", i as u64, SCENES.len() as u64);
+            let mut scene = built_in(name)?;
+            scene.scale(effort.scale);
+            scene.settings.estimator = Some(estimator);
+            let volume = scene.volume.load()?;
+            scene.settle(&volume);
+            let silent = &mut Progress::silent();
+            let mut frames = [
+                measure::fresh(gpu, &without_histories(&scene), &volume)?,
+                measure::fresh(gpu, &scene, &volume)?,
+            ];
+            let (mut kernels, mut trace) = ([const { Vec::new() }; 2], [const { Vec::new() }; 2]);
+            for _ in 0..effort.runs {
+                for (i, frame) in frames.iter_mut().enumerate() {
+                    let p = measure::rebuild(gpu, frame, silent)?.1.phases;
+                    kernels[i].push(p.photons + p.light_field + p.segments);
+                    trace[i].push(p.photons);
+                }
+            }
+            let [without, with] = kernels.map(median);
+            let [trace_without, trace_with] = trace.map(median);
+            let round = |x: f64| json!((x * 100.0).round() / 100.0);
+            sheet.rows.push(vec![
+                json!(name),
+                json!(estimator.to_string()),
+                round(without),
+                round(with),
+                round(100.0 * (with / without - 1.0)),
+                round(100.0 * (trace_with / trace_without - 1.0)),
+            ]);
+        }
+    }
+    report.sheets.push(sheet);
+    Ok(report)
+}

@@ -1,0 +1,243 @@
+//! Our counterpart of the Historygrams paper's table 1: its seven edits on phantoms that
+//! stand in for its scans, beside its figures.
+
+use serde_json::json;
+
+use super::{Chart, Edited, Effort, Report, Series, Sheet};
+use super::{built_in, edited, percent, rebuilt, without_histories};
+use crate::error::Result;
+use crate::gpu::Gpu;
+use crate::measure;
+use crate::render::{Progress, Split};
+use crate::scene::{Estimator, Scene, Spatial, Weighting};
+
+/// A row of the paper's table. Photons and segments are those of the scene.
+struct Row {
+    name: &'static str,
+    scene: &'static str,
+    edit: &'static str,
+    /// S_n; the paper names it for two rows.
+    events: u32,
+    samples_per_voxel: f64,
+    /// In the paper: overhead, photons retraced and segments recomputed in per cent,
+    /// speed-up.
+    paper: [f64; 4],
+}
+
+const ROWS: [Row; 7] = [
+    row("hand, bone", ("hand", "bone"), (2, 8.0), [16.0, 19.0, 29.0, 1.3]),
+    row("cornell, sphere", ("cornell", "sphere"), (1, 2.0), [26.0, 3.0, 18.0, 15.2]),
+    row("engine, material", ("engine", "material"), (2, 4.0), [5.0, 5.0, 19.0, 7.7]),
+    row("torso, skin", ("torso", "skin"), (1, 1.5), [25.0, 74.0, 24.0, 2.4]),
+    row("torso, vessels", ("torso", "vessels"), (1, 1.5), [3.0, 71.0, 100.0, 1.2]),
+    row("kidneys, vessels", ("kidneys", "vessels"), (1, 4.0), [8.0, 24.0, 4.0, 6.8]),
+    row("kidneys, contents", ("kidneys", "contents"), (1, 4.0), [11.0, 35.0, 9.0, 3.2]),
+];
+
+const fn row(
+    name: &'static str,
+    (scene, edit): (&'static str, &'static str),
+    (events, samples_per_voxel): (u32, f64),
+    paper: [f64; 4],
+) -> Row {
+    Row { name, scene, edit, events, samples_per_voxel, paper }
+}
+
+/// How the light is estimated, and which segments an edit recomputes.
+struct Variant {
+    name: &'static str,
+    estimator: Estimator,
+    weighting: Weighting,
+    spatial: Spatial,
+}
+
+const VARIANTS: [Variant; 3] = [
+    Variant {
+        name: "points as in the paper",
+        estimator: Estimator::Points,
+        weighting: Weighting::Plain,
+        spatial: Spatial::Off,
+    },
+    Variant {
+        name: "points exact",
+        estimator: Estimator::Points,
+        weighting: Weighting::Even,
+        spatial: Spatial::Exact,
+    },
+    Variant {
+        name: "fluence exact",
+        estimator: Estimator::Fluence,
+        weighting: Weighting::Even,
+        spatial: Spatial::Exact,
+    },
+];
+
+const COLUMNS: [&str; 26] = [
+    "edit",
+    "variant",
+    "photons",
+    "samples/voxel",
+    "segments",
+    "full trace ms",
+    "full field ms",
+    "full gather ms",
+    "full total ms",
+    "overhead %",
+    "retraced %",
+    "reweighed %",
+    "changed %",
+    "precision",
+    "recomputed %",
+    "trace ms",
+    "field ms",
+    "gather ms",
+    "total ms",
+    "speed-up",
+    "mismatches",
+    "paper overhead %",
+    "paper retraced %",
+    "paper recomputed %",
+    "paper speed-up",
+    "above paper",
+];
+
+const MEMORY: [&str; 7] = [
+    "edit",
+    "variant",
+    "history B/photon",
+    "lists B/photon",
+    "journal MiB",
+    "history MiB/segment layer",
+    "lists MiB/segment layer",
+];
+
+/// Measures all rows.
+///
+/// # Errors
+/// Memory does not suffice; the device failed.
+pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report> {
+    let mut report = Report::new(gpu, "table1", effort);
+    let mut sheet = Sheet::new("table1", &COLUMNS);
+    let mut memory = Sheet::new("table1-memory", &MEMORY);
+    let mut speedups: Vec<Series> = ["the paper", VARIANTS[0].name, VARIANTS[1].name, VARIANTS[2].name]
+        .map(|name| Series { name: name.to_owned(), points: Vec::new(), joined: true })
+        .into();
+    let total = (ROWS.len() * VARIANTS.len()) as u64;
+    for (number, row) in ROWS.iter().enumerate() {
+        let at = number as f64 + 1.0;
+        speedups[0].points.push((at, row.paper[3]));
+        for (v, variant) in VARIANTS.iter().enumerate() {
+            progress.at("table 1", (number * VARIANTS.len() + v) as u64, total);
+            let speedup = measured(gpu, effort, (row, variant), (&mut sheet, &mut memory))?;
+            speedups[v + 1].points.push((at, speedup));
+        }
+    }
+    report.notes.push(
+        "retraced: photons with a flight traced again; reweighed: photons with a slot of \
+         which only the power was found again; precision: changed / (retraced or \
+         reweighed). Mismatches are against a rebuild by the same kernels; the paper's \
+         settings (spatial off) leave stale light and have some."
+            .to_owned(),
+    );
+    report.charts.push(Chart {
+        name: "table1".to_owned(),
+        title: "Speed-up of an update over a full rebuild, by row of table 1".to_owned(),
+        axes: ["row".to_owned(), "speed-up".to_owned()],
+        log_x: false,
+        series: speedups,
+    });
+    report.sheets = vec![sheet, memory];
+    Ok(report)
+}
+
+fn scene_of(row: &Row, variant: &Variant, effort: Effort) -> Result<Scene> {
+    let mut scene = built_in(row.scene)?;
+    scene.scale(effort.scale);
+    let settings = &mut scene.settings;
+    settings.estimator = Some(variant.estimator);
+    settings.weighting = variant.weighting;
+    settings.spatial = variant.spatial;
+    settings.max_events = row.events;
+    settings.roulette_from = row.events.max(settings.roulette_from);
+    settings.step = 1.0 / row.samples_per_voxel;
+    settings.rays = 1;
+    Ok(scene)
+}
+
+/// Measures one variant of one row; returns the speed-up.
+fn measured(
+    gpu: &Gpu,
+    effort: Effort,
+    (row, variant): (&Row, &Variant),
+    (sheet, memory): (&mut Sheet, &mut Sheet),
+) -> Result<f64> {
+    let mut scene = scene_of(row, variant, effort)?;
+    let volume = scene.volume.load()?;
+    scene.settle(&volume);
+    let after = scene.edited(row.edit)?;
+    let silent = &mut Progress::silent();
+    let full = rebuilt(gpu, &without_histories(&after), &volume, effort.runs, silent)?;
+    let kept = rebuilt(gpu, &after, &volume, effort.runs, silent)?;
+    let mut frame = measure::fresh(gpu, &scene, &volume)?;
+    frame.rebuild(gpu, &Split::default(), silent)?;
+    let edit = edited(gpu, &mut frame, (&scene, &after), effort.runs, silent)?;
+    measure::update(gpu, &mut frame, &after, silent)?;
+    let mut fresh = measure::fresh(gpu, &after, &volume)?;
+    fresh.rebuild(gpu, &Split::default(), silent)?;
+    let mismatches = measure::compare(gpu, &frame, &fresh)?;
+
+    let Edited { updated, cost } = &edit;
+    let (photons, counts) = (updated.photons, &updated.counts);
+    let kernels = |e: &Edited| {
+        let p = e.cost.phases;
+        p.photons + p.light_field + p.segments
+    };
+    let speedup = full.cost.total / cost.total;
+    let [overhead, retraced, recomputed, paper] = row.paper;
+    let round = |x: f64| json!((x * 1e3).round() / 1e3);
+    sheet.rows.push(vec![
+        json!(row.name),
+        json!(variant.name),
+        json!(photons),
+        json!(row.samples_per_voxel),
+        json!(scene.settings.segments),
+        round(full.cost.phases.photons),
+        round(full.cost.phases.light_field),
+        round(full.cost.phases.segments),
+        round(full.cost.total),
+        round(100.0 * (kernels(&kept) / kernels(&full) - 1.0)),
+        round(percent(counts.invalid, photons)),
+        round(percent(counts.reweighed, photons)),
+        round(percent(counts.changed, photons)),
+        round(counts.changed as f64 / updated.listed.max(1) as f64),
+        round(percent(updated.recomputed, updated.segments)),
+        round(cost.phases.photons),
+        round(cost.phases.light_field),
+        round(cost.phases.segments),
+        round(cost.total),
+        round(speedup),
+        json!(mismatches.photon_mismatches
+            + mismatches.field_mismatches
+            + mismatches.segment_mismatches
+            + mismatches.pixel_mismatches),
+        json!(overhead),
+        json!(retraced),
+        json!(recomputed),
+        json!(paper),
+        json!(speedup > paper),
+    ]);
+    let lists = frame.list_bytes();
+    let per_photon = |bytes: u64| round(bytes as f64 / photons as f64);
+    let per_layer =
+        |bytes: u64| round(bytes as f64 / f64::from(scene.settings.segments) / 1_048_576.0);
+    memory.rows.push(vec![
+        json!(row.name),
+        json!(variant.name),
+        per_photon(8 * u64::from(row.events) * photons),
+        per_photon(lists.photons),
+        round(lists.journal as f64 / 1_048_576.0),
+        per_layer(8 * updated.segments),
+        per_layer(lists.segments),
+    ]);
+    Ok(speedup)
+}

@@ -1,0 +1,146 @@
+//! Whether an update's time is in proportion to its work: edits of growing size on the
+//! built-in scenes, stage by stage, against a full rebuild.
+
+use serde_json::json;
+
+use super::{Chart, Edited, Effort, Report, Series, Sheet};
+use super::{built_in, edited, rebuilt, without_histories};
+use crate::error::Result;
+use crate::gpu::Gpu;
+use crate::measure;
+use crate::photon::Counters;
+use crate::render::{Progress, Split};
+use crate::scene::{Estimator, Scene};
+
+const SCENES: [(&str, Estimator); 7] = [
+    ("hand", Estimator::Fluence),
+    ("cornell", Estimator::Fluence),
+    ("engine", Estimator::Fluence),
+    ("torso", Estimator::Fluence),
+    ("kidneys", Estimator::Fluence),
+    ("hand", Estimator::Points),
+    ("kidneys", Estimator::Points),
+];
+
+/// A stage's kernels and what it visits.
+type Stage = (&'static str, &'static [&'static str], fn(&Counters) -> u64);
+
+const STAGES: [Stage; 3] = [
+    ("trace", &["trace", "photon_query", "journal", "compare", "list"], |c| c.tentative),
+    ("deposit", &["deposit", "resolve"], |c| c.deposits),
+    ("segment", &["segment", "segment_query", "composite"], |c| c.samples + c.gathered),
+];
+
+/// What a stage may cost beyond its share of the visits: `1.3 share + 0.1`.
+fn bound(share: f64) -> f64 {
+    1.3 * share + 0.1
+}
+
+/// Measures edits that recolour one material, then two, and so on, and edits that halve
+/// their extinction.
+///
+/// # Errors
+/// Memory does not suffice; the device failed.
+pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report> {
+    let mut report = Report::new(gpu, "visits", effort);
+    let columns = [
+        "scene", "light field", "edit", "materials", "stage", "full visits", "visits", "full ms",
+        "ms", "share of visits", "share of time", "within",
+    ];
+    let mut sheet = Sheet::new("visits", &columns);
+    let whole_columns =
+        ["scene", "light field", "edit", "materials", "full ms", "update ms", "ratio", "all"];
+    let mut whole = Sheet::new("visits-whole", &whole_columns);
+    let mut series = STAGES.map(|(name, _, _)| Series {
+        name: name.to_owned(),
+        points: Vec::new(),
+        joined: false,
+    });
+    let silent = &mut Progress::silent();
+    for (i, (name, estimator)) in SCENES.into_iter().enumerate() {
+        progress.at("visits", i as u64, SCENES.len() as u64);
+        let mut scene = built_in(name)?;
+        scene.scale(effort.scale);
+        (scene.settings.estimator, scene.settings.rays) = (Some(estimator), 1);
+        let volume = scene.volume.load()?;
+        scene.settle(&volume);
+        let mut frame = measure::fresh(gpu, &scene, &volume)?;
+        frame.rebuild(gpu, &Split::default(), silent)?;
+        for (what, after) in edits(&scene) {
+            let (kind, materials) = what;
+            let full = rebuilt(gpu, &without_histories(&after), &volume, effort.runs, silent)?;
+            let edit = edited(gpu, &mut frame, (&scene, &after), effort.runs, silent)?;
+            let label = [json!(name), json!(estimator.to_string()), json!(kind), json!(materials)];
+            for ((stage, kernels, visits), series) in STAGES.iter().zip(&mut series) {
+                let ms = |e: &Edited| -> f64 {
+                    let rows = e.cost.stages.iter().filter(|t| kernels.contains(&t.stage));
+                    rows.map(|t| t.ms).sum()
+                };
+                let count = |e: &Edited| visits(&e.updated.counts);
+                if count(&full) == 0 {
+                    continue;
+                }
+                let share = count(&edit) as f64 / count(&full) as f64;
+                let time = ms(&edit) / ms(&full);
+                series.points.push((share.max(1e-3), time));
+                let mut row = label.to_vec();
+                row.extend([
+                    json!(stage), json!(count(&full)), json!(count(&edit)), json!(ms(&full)),
+                    json!(ms(&edit)), json!(share), json!(time), json!(time <= bound(share)),
+                ]);
+                sheet.rows.push(row);
+            }
+            let mut row = label.to_vec();
+            row.extend([
+                json!(full.cost.total), json!(edit.cost.total),
+                json!(edit.cost.total / full.cost.total),
+                json!(materials == scene.materials.len() && kind == "extinction"),
+            ]);
+            whole.rows.push(row);
+        }
+    }
+    let mut series = series.to_vec();
+    let curve = (0..=30).map(|i| 10_f64.powf(-3.0 + 0.1 * f64::from(i)));
+    series.push(Series {
+        name: "1.3 x share of visits + 0.1".to_owned(),
+        points: curve.map(|x| (x, bound(x))).collect(),
+        joined: true,
+    });
+    report.charts.push(Chart {
+        name: "visits".to_owned(),
+        title: "Stages of updates against a full rebuild: time over visits".to_owned(),
+        axes: ["share of visits".to_owned(), "share of time".to_owned()],
+        log_x: true,
+        series,
+    });
+    let column = |sheet: &Sheet, name: &str, value: bool| {
+        let at = sheet.columns.iter().position(|c| c == name).unwrap_or_default();
+        sheet.rows.iter().filter(|r| r[at] == json!(value)).count()
+    };
+    report.notes.push(format!(
+        "{} edits; of {} stages {} are within the bound",
+        whole.rows.len(),
+        sheet.rows.len(),
+        column(&sheet, "within", true)
+    ));
+    report.sheets = vec![sheet, whole];
+    Ok(report)
+}
+
+/// Edits of one material, of two, and so on.
+fn edits(scene: &Scene) -> Vec<((&'static str, usize), Scene)> {
+    let mut all = Vec::new();
+    for count in 1..=scene.materials.len() {
+        for kind in ["colour", "extinction"] {
+            let mut after = scene.clone();
+            for material in &mut after.materials[..count] {
+                match kind {
+                    "colour" => material.colour *= 0.7,
+                    _ => material.extinction *= 0.5,
+                }
+            }
+            all.push(((kind, count), after));
+        }
+    }
+    all
+}

@@ -1,0 +1,48 @@
+//! `bench`: measurements, as tables here and as files.
+
+use anyhow::Result;
+use comfy_table::{Table, presets};
+use photogram::bench::{self, Effort, Sheet};
+use photogram::gpu::{AdapterChoice, Gpu};
+use serde_json::Value;
+
+use super::{align_right, check_places, make_folder, say, with_progress, write_json};
+use crate::{BenchArgs, What};
+
+pub fn run_bench(adapter: &AdapterChoice, args: &BenchArgs) -> Result<()> {
+    check_places(&[Some(&args.out.join("table1.json")), args.json.as_deref()])?;
+    let gpu = Gpu::open(adapter)?;
+    let effort = Effort { scale: args.scale, runs: args.runs.into() };
+    let report = with_progress(|progress| match args.what {
+        What::Table1 => bench::table1::run(&gpu, effort, progress),
+        What::Sweeps => bench::sweeps::run(&gpu, effort, progress),
+        What::Visits => bench::visits::run(&gpu, effort, progress),
+        What::Overhead => bench::overhead::run(&gpu, effort, progress),
+        What::Bins => bench::bins::run(&gpu, effort, progress),
+    })?;
+    say(format_args!(
+        "adapter {}, kernel times by {}; scale {}, medians of {}",
+        report.adapter, report.clock, report.scale, report.runs
+    ))?;
+    for sheet in &report.sheets {
+        say(format_args!("\n{}\n{}", sheet.name, table(sheet)))?;
+    }
+    report.notes.iter().try_for_each(say)?;
+    make_folder(&args.out.join("x"))?;
+    report.write(&args.out)?.iter().try_for_each(|path| say(path.display()))?;
+    args.json.as_deref().map_or(Ok(()), |path| write_json(path, &report.json()))
+}
+
+fn table(sheet: &Sheet) -> Table {
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING).set_header(&sheet.columns);
+    for row in &sheet.rows {
+        table.add_row(row.iter().map(|value| match value {
+            Value::String(text) => text.clone(),
+            Value::Number(n) if n.is_f64() => format!("{:.3}", n.as_f64().unwrap_or_default()),
+            other => other.to_string(),
+        }));
+    }
+    align_right(&mut table);
+    table
+}

@@ -1,0 +1,199 @@
+//! `edit` and `demo`: edits as updates, beside full rebuilds.
+
+use std::path::Path;
+
+use anyhow::{Result, ensure};
+use comfy_table::{Table, presets};
+use photogram::demo;
+use photogram::film::{self, Format, Notes};
+use photogram::gpu::{AdapterChoice, Gpu};
+use photogram::measure::{self, Measured};
+use photogram::render::Split;
+use photogram::scene::{Method, Scene};
+
+use super::{align_right, check_places, failed, make_folder, say, with_progress, write_json};
+use crate::{EditArgs, prepare};
+
+pub fn run_edit(adapter: &AdapterChoice, args: &EditArgs) -> Result<()> {
+    let json = args.scene.json.as_deref();
+    let format = args.out.as_deref().map(Format::of).transpose()?;
+    ensure!(json.is_none() || json != args.out.as_deref(), "--json and -o name the same file");
+    check_places(&[args.out.as_deref(), json])?;
+    let (mut scene, volume) = prepare(&args.scene)?;
+    ensure!(scene.settings.method == Method::PhotonMap, "edits are updates of the photon map");
+    ensure!(!args.scene.edit.is_empty(), "no edit is named: add --edit NAME, once for each");
+    scene.settings.rays = 1;
+    scene.check_against(&volume)?;
+    let gpu = Gpu::open(adapter)?;
+    let mut frame = with_progress(|progress| {
+        let mut frame = measure::fresh(&gpu, &scene, &volume)?;
+        frame.rebuild(&gpu, &Split::default(), progress)?;
+        Ok(frame)
+    })?;
+    let mut done = Vec::new();
+    for name in &args.scene.edit {
+        scene = scene.edited(name)?;
+        let measured = with_progress(|progress| {
+            measure::measure(&gpu, &mut frame, &scene, &volume, args.verify.is_some(), progress)
+        })?;
+        done.push((name.as_str(), measured));
+    }
+    let done: Vec<_> = done.iter().map(|(name, m)| (*name, m)).collect();
+    let image = frame.segments.image(&gpu)?;
+    if let Some((out, format)) = args.out.as_deref().zip(format) {
+        let notes = Notes { scene: scene.to_toml(), ..Default::default() };
+        make_folder(out)?;
+        match format {
+            Format::Exr => image.write_exr(out, &[], &notes)?,
+            Format::Png => image.write(out, scene.film, &notes)?,
+        }
+    }
+    let clock = if gpu.has_timestamps() { "device timestamps" } else { "host clock" };
+    say(format_args!(
+        "adapter {}, stage times by {clock}; {}\n{}",
+        gpu.report().name,
+        frame.estimator,
+        edit_table(&done)
+    ))?;
+    let rows: Vec<_> = done.iter().map(|(name, m)| edit_json(name, m)).collect();
+    json.map_or(Ok(()), |path| write_json(path, &rows))?;
+    let wrong = done.iter().filter_map(|(_, m)| m.mismatches).any(|m| m != Default::default());
+    ensure!(!wrong, "an update differs from a rebuild: this is a bug, please report it");
+    if args.verify.as_deref() == Some("fresh") {
+        let differing = verify_fresh(&scene, &image, &gpu)?;
+        say(format_args!("another process, given the final scene: {differing} pixels differ"))?;
+        ensure!(differing == 0, "the update differs from another process: this is a bug");
+    }
+    Ok(())
+}
+
+/// Renders the final scene in another process; returns how many pixels differ.
+fn verify_fresh(scene: &Scene, image: &film::Image, gpu: &Gpu) -> Result<u64> {
+    let folder = std::env::temp_dir().join(format!("photogram-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).map_err(|e| failed(&folder, "make", e))?;
+    let (file, out) = (folder.join("final.toml"), folder.join("final.exr"));
+    std::fs::write(&file, scene.to_toml()).map_err(|e| failed(&file, "write", e))?;
+    let adapter = gpu.report().index.to_string();
+    let exe = std::env::current_exe().map_err(|e| failed(Path::new("this program"), "find", e))?;
+    let run = std::process::Command::new(&exe)
+        .args(["--adapter", &adapter, "render"])
+        .arg(&file)
+        .arg("-o")
+        .arg(&out)
+        .output()
+        .map_err(|e| failed(&exe, "start", e))?;
+    let said = String::from_utf8_lossy(&run.stderr);
+    ensure!(run.status.success(), "the other process failed: {said}");
+    let other = film::Image::read_exr(&out)?;
+    std::fs::remove_dir_all(&folder).map_err(|e| failed(&folder, "remove", e))?;
+    Ok(measure::differing_pixels(image, &other))
+}
+
+fn percent(part: u64, whole: u64) -> f64 {
+    100.0 * part as f64 / whole.max(1) as f64
+}
+
+fn edit_table(done: &[(&str, &Measured)]) -> Table {
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING).set_header([
+        "edit",
+        "retraced %",
+        "reweighed %",
+        "changed %",
+        "precision",
+        "segments %",
+        "full ms",
+        "incremental ms",
+        "speed-up",
+        "mismatches",
+    ]);
+    for (name, m) in done {
+        let (u, c) = (&m.updated, &m.updated.counts);
+        let mismatches = m.mismatches.map(|m| {
+            m.photon_mismatches + m.field_mismatches + m.segment_mismatches + m.pixel_mismatches
+        });
+        table.add_row([
+            (*name).to_owned(),
+            format!("{:.1}", percent(c.invalid, u.photons)),
+            format!("{:.1}", percent(c.reweighed, u.photons)),
+            format!("{:.1}", percent(c.changed, u.photons)),
+            format!("{:.2}", c.changed as f64 / u.listed.max(1) as f64),
+            format!("{:.1}", percent(u.recomputed, u.segments)),
+            format!("{:.1}", m.full.total),
+            format!("{:.1}", m.incremental.total),
+            format!("{:.2}", m.full.total / m.incremental.total),
+            mismatches.map_or("-".to_owned(), |n| n.to_string()),
+        ]);
+    }
+    align_right(&mut table);
+    table
+}
+
+fn edit_json(name: &str, m: &Measured) -> serde_json::Value {
+    let (u, c) = (&m.updated, &m.updated.counts);
+    serde_json::json!({
+        "edit": name,
+        "scope": m.scope,
+        "photons": {
+            "total": u.photons,
+            "invalid": c.invalid,
+            "changed": c.changed,
+            "reweighed": c.reweighed,
+            "retraced_percent": percent(c.invalid, u.photons),
+            "precision": c.changed as f64 / u.listed.max(1) as f64,
+        },
+        "segments": {
+            "total": u.segments,
+            "recomputed": u.recomputed,
+            "recomputed_percent": percent(u.recomputed, u.segments),
+        },
+        "visits": { "full": m.full_counts.visits(), "incremental": c.visits() },
+        "time_ms": { "full": m.full, "incremental": m.incremental },
+        "speedup": m.full.total / m.incremental.total,
+        "verify": m.mismatches,
+    })
+}
+
+pub fn run_demo(adapter: &AdapterChoice, out: &Path, json: Option<&Path>) -> Result<()> {
+    check_places(&[Some(&out.join("before.png")), json])?;
+    let gpu = Gpu::open(adapter)?;
+    say(format_args!("adapter: {} ({})", gpu.report().name, gpu.report().kind))?;
+    let shots = with_progress(|progress| demo::run(&gpu, progress))?;
+    for shot in &shots {
+        let path = out.join(format!("{}.png", shot.name));
+        let notes = Notes { scene: shot.scene.to_toml(), ..Default::default() };
+        make_folder(&path)?;
+        shot.image.write(&path, shot.scene.film, &notes)?;
+        say(path.display())?;
+    }
+    let edits = shots.iter().filter_map(|s| Some((s.name.as_str(), s.measured.as_ref()?)));
+    let edits: Vec<_> = edits.collect();
+    say(format_args!("\n{}", edit_table(&edits)))?;
+    for (name, m) in &edits {
+        say(format_args!("\n{name}, ms by stage\n{}", stage_table(m)))?;
+    }
+    let rows: Vec<_> = edits.iter().map(|(name, m)| edit_json(name, m)).collect();
+    json.map_or(Ok(()), |path| write_json(path, &rows))?;
+    let wrong = edits.iter().filter_map(|(_, m)| m.mismatches).any(|m| m != Default::default());
+    ensure!(!wrong, "an update differs from a rebuild: this is a bug, please report it");
+    Ok(())
+}
+
+/// Stages of a full rebuild and of an update, side by side.
+fn stage_table(m: &Measured) -> Table {
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING).set_header(["stage", "full", "incremental"]);
+    let (full, incremental) = (&m.full.stages, &m.incremental.stages);
+    let mut names: Vec<_> = full.iter().chain(incremental).map(|t| t.stage).collect();
+    let mut seen = std::collections::HashSet::new();
+    names.retain(|name| seen.insert(*name));
+    for name in names {
+        let ms = |stages: &[photogram::gpu::run::Timing]| {
+            let row = stages.iter().find(|t| t.stage == name);
+            row.map_or(String::new(), |t| format!("{:.1}", t.ms))
+        };
+        table.add_row([name.to_owned(), ms(full), ms(incremental)]);
+    }
+    align_right(&mut table);
+    table
+}

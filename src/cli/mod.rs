@@ -1,0 +1,71 @@
+//! What the commands print and write; the library does the work.
+
+pub mod bench;
+pub mod edit;
+pub mod info;
+pub mod render;
+
+use std::io::{ErrorKind, IsTerminal, Write as _};
+use std::path::Path;
+
+use anyhow::Result;
+use comfy_table::{CellAlignment, Table};
+use photogram::film;
+use photogram::render::Progress;
+
+pub fn align_right(table: &mut Table) {
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+}
+
+pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<()> {
+    let text = serde_json::to_string_pretty(value)?;
+    make_folder(path)?;
+    Ok(film::write_whole(path, |file| {
+        writeln!(file, "{text}").map_err(|e| failed(path, "write", e))
+    })?)
+}
+
+/// Refuses, before the work, output paths that it could not be written to after it.
+pub fn check_places(paths: &[Option<&Path>]) -> Result<()> {
+    Ok(paths.iter().flatten().try_for_each(film::check_writable)?)
+}
+
+pub fn make_folder(file: &Path) -> Result<()> {
+    let folder = file.parent().unwrap_or(Path::new(""));
+    Ok(std::fs::create_dir_all(folder).map_err(|e| failed(folder, "make", e))?)
+}
+
+pub fn failed(path: &Path, action: &'static str, source: std::io::Error) -> photogram::Error {
+    photogram::Error::Io { path: path.into(), action, source }
+}
+
+/// Prints to standard output; a reader that has heard enough is no error.
+pub fn say(text: impl std::fmt::Display) -> Result<()> {
+    match writeln!(std::io::stdout(), "{text}") {
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
+        said => Ok(said.map_err(|e| failed(Path::new("standard output"), "write", e))?),
+    }
+}
+
+/// Shows a bar on a terminal, and nothing in a pipe.
+pub fn with_progress<T>(work: impl FnOnce(&mut Progress) -> photogram::Result<T>) -> Result<T> {
+    if !std::io::stderr().is_terminal() {
+        return Ok(work(&mut Progress::silent())?);
+    }
+    let bar = indicatif::ProgressBar::new(0);
+    if let Ok(style) =
+        indicatif::ProgressStyle::with_template("{msg:>10} {wide_bar} {percent:>3}% {elapsed}")
+    {
+        bar.set_style(style);
+    }
+    let mut hear = |stage: &'static str, done: u64, total: u64| {
+        bar.set_message(stage);
+        bar.set_length(total);
+        bar.set_position(done);
+    };
+    let result = work(&mut Progress::new(&mut hear));
+    bar.finish_and_clear();
+    Ok(result?)
+}

@@ -1,0 +1,89 @@
+//! `render`: a scene to an image.
+
+use std::fmt::Write as _;
+
+use anyhow::{Result, ensure};
+use comfy_table::{Table, presets};
+use photogram::film::{Format, Notes};
+use photogram::gpu::{AdapterChoice, Gpu};
+use photogram::render::{Rendered, Report, Split, render};
+
+use super::{align_right, check_places, make_folder, say, with_progress, write_json};
+use crate::{RenderArgs, prepare};
+
+pub fn run_render(adapter: &AdapterChoice, args: &RenderArgs) -> Result<()> {
+    let format = Format::of(&args.out)?;
+    let json = args.scene.json.as_deref();
+    ensure!(json != Some(&args.out), "--json and -o name the same file");
+    check_places(&[Some(&args.out), json])?;
+    let (mut scene, volume) = prepare(&args.scene)?;
+    for edit in &args.scene.edit {
+        scene = scene.edited(edit)?;
+    }
+    scene.check_against(&volume)?;
+    let gpu = Gpu::open(adapter)?;
+    let rendered =
+        with_progress(|progress| render(&gpu, &scene, &volume, &Split::default(), progress))?;
+    let notes = Notes { scene: scene.to_toml(), provenance: provenance(&rendered.report) };
+    make_folder(&args.out)?;
+    match (format, &rendered.error) {
+        (Format::Exr, Some(error)) => {
+            rendered.image.write_exr(&args.out, &[("stderr", error)], &notes)?;
+        }
+        _ => rendered.image.write(&args.out, scene.film, &notes)?,
+    }
+    say(format_args!("{}{}", summary(&rendered), args.out.display()))?;
+    json.map_or(Ok(()), |path| write_json(path, &rendered.report))
+}
+
+fn provenance(report: &Report) -> std::collections::BTreeMap<String, String> {
+    let of = |key: &str, value: String| (key.to_owned(), value);
+    [
+        of("program", concat!("photogram ", env!("CARGO_PKG_VERSION")).to_owned()),
+        of("adapter", report.adapter.clone()),
+        of("method", report.method.to_owned()),
+        of("photons", report.photons.to_string()),
+        of("rays", report.rays.to_string()),
+    ]
+    .into()
+}
+
+fn summary(rendered: &Rendered) -> String {
+    let r = &rendered.report;
+    let mut text = format!("adapter {}, times by {}\n", r.adapter, r.clock);
+    if r.photons > 0 {
+        let _ = writeln!(
+            text,
+            "{} photons, up to {} events, {} interactions; {} segments; {} rays a pixel; {}",
+            r.photons,
+            r.max_events,
+            r.counts.interactions,
+            r.segments,
+            r.rays,
+            r.estimator.unwrap_or_default()
+        );
+        let _ =
+            writeln!(text, "{} bytes a photon slot, {} a segment", r.slot_bytes, r.segment_bytes);
+    }
+    let bytes = r.bytes.iter().map(|(name, n)| format!("{name} {:.1}", *n as f64 / 1048576.0));
+    let _ = writeln!(text, "MiB: {}", bytes.collect::<Vec<_>>().join(", "));
+    if r.counts.clamped > 0 {
+        let _ = writeln!(text, "warning: {} contributions were clamped", r.counts.clamped);
+    }
+    if r.entries_clamped > 0 {
+        let _ = writeln!(
+            text,
+            "warning: the extinction of {} table entries was clamped at the majorant, {} per mm",
+            r.entries_clamped, r.majorant
+        );
+    }
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING).set_header(["stage", "ms", "dispatches"]);
+    for row in &r.stages {
+        table.add_row([row.stage.to_owned(), format!("{:.2}", row.ms), row.dispatches.to_string()]);
+    }
+    table.add_row(["total".to_owned(), format!("{:.0}", r.total_ms), String::new()]);
+    align_right(&mut table);
+    let _ = writeln!(text, "{table}");
+    text
+}
