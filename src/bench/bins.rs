@@ -31,8 +31,16 @@ const EDITS: [(&str, &str, f64); 7] = [
 pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report> {
     let mut report = Report::new(gpu, "bins", effort);
     let columns = [
-        "scene", "edit", "bins", "invalid %", "changed %", "precision", "segments %",
-        "flights, history per slot %", "flights, history per photon %", "update ms",
+        "scene",
+        "edit",
+        "bins",
+        "invalid %",
+        "changed %",
+        "precision",
+        "segments %",
+        "flights, history per slot %",
+        "flights, history per photon %",
+        "update ms",
     ];
     let mut sheet = Sheet::new("bins", &columns);
     for (i, (name, material, factor)) in EDITS.into_iter().enumerate() {

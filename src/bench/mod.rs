@@ -17,7 +17,7 @@ use crate::gpu::run::Timing;
 use crate::measure::{self, Cost};
 use crate::render::Progress;
 use crate::scene::{Scale, Scene};
-use crate::update::{PhotonFrame, Phases, Updated};
+use crate::update::{Phases, PhotonFrame, Updated};
 use crate::volume::Volume;
 
 pub use report::{Chart, Report, Series, Sheet};
@@ -97,13 +97,13 @@ fn without_histories(scene: &Scene) -> Scene {
 /// Medians of totals, phases and stages.
 fn typical(costs: &[Cost]) -> Cost {
     let of = |value: &dyn Fn(&Cost) -> f64| median(costs.iter().map(value).collect());
-    let rows = |c: &Cost, name: &str| {
-        c.stages.iter().find(|t| t.stage == name).map_or(0.0, |t| t.ms)
-    };
-    let stages = costs.first().map_or(&[][..], |c| &c.stages).iter().map(|first| Timing {
-        ms: of(&|c| rows(c, first.stage)),
-        ..first.clone()
-    });
+    let rows =
+        |c: &Cost, name: &str| c.stages.iter().find(|t| t.stage == name).map_or(0.0, |t| t.ms);
+    let stages = costs
+        .first()
+        .map_or(&[][..], |c| &c.stages)
+        .iter()
+        .map(|first| Timing { ms: of(&|c| rows(c, first.stage)), ..first.clone() });
     Cost {
         stages: stages.collect(),
         total: of(&|c| c.total),

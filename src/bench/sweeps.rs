@@ -33,8 +33,17 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
         Sheet::new(
             name,
             &[
-                "variant", first, "events", "full ms", "update ms", "trace ms", "gather ms",
-                "retraced %", "reweighed %", "recomputed %", "speed-up",
+                "variant",
+                first,
+                "events",
+                "full ms",
+                "update ms",
+                "trace ms",
+                "gather ms",
+                "retraced %",
+                "reweighed %",
+                "recomputed %",
+                "speed-up",
             ],
         )
     };
@@ -93,11 +102,7 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
                 let label = format!("{scene}, {variant}");
                 sheet.rows.push(row.cells(&label, segments.into(), 1));
             }
-            times.series.push(Series {
-                name: format!("{scene}, {variant}"),
-                points,
-                joined: true,
-            });
+            times.series.push(Series { name: format!("{scene}, {variant}"), points, joined: true });
         }
     }
     report.sheets.push(sheet);
@@ -128,7 +133,13 @@ impl Row {
     fn cells(&self, variant: &str, x: u64, events: u32) -> Vec<serde_json::Value> {
         let [retraced, reweighed, recomputed] = self.shares;
         let numbers = [
-            self.full, self.update, self.trace, self.gather, retraced, reweighed, recomputed,
+            self.full,
+            self.update,
+            self.trace,
+            self.gather,
+            retraced,
+            reweighed,
+            recomputed,
             self.speedup,
         ];
         let mut cells = vec![json!(variant), json!(x), json!(events)];

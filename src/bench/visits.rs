@@ -44,8 +44,18 @@ fn bound(share: f64) -> f64 {
 pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report> {
     let mut report = Report::new(gpu, "visits", effort);
     let columns = [
-        "scene", "light field", "edit", "materials", "stage", "full visits", "visits", "full ms",
-        "ms", "share of visits", "share of time", "within",
+        "scene",
+        "light field",
+        "edit",
+        "materials",
+        "stage",
+        "full visits",
+        "visits",
+        "full ms",
+        "ms",
+        "share of visits",
+        "share of time",
+        "within",
     ];
     let mut sheet = Sheet::new("visits", &columns);
     let whole_columns =
@@ -85,14 +95,21 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
                 series.points.push((share.max(1e-3), time));
                 let mut row = label.to_vec();
                 row.extend([
-                    json!(stage), json!(count(&full)), json!(count(&edit)), json!(ms(&full)),
-                    json!(ms(&edit)), json!(share), json!(time), json!(time <= bound(share)),
+                    json!(stage),
+                    json!(count(&full)),
+                    json!(count(&edit)),
+                    json!(ms(&full)),
+                    json!(ms(&edit)),
+                    json!(share),
+                    json!(time),
+                    json!(time <= bound(share)),
                 ]);
                 sheet.rows.push(row);
             }
             let mut row = label.to_vec();
             row.extend([
-                json!(full.cost.total), json!(edit.cost.total),
+                json!(full.cost.total),
+                json!(edit.cost.total),
                 json!(edit.cost.total / full.cost.total),
                 json!(materials == scene.materials.len() && kind == "extinction"),
             ]);
