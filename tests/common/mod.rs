@@ -1,7 +1,9 @@
 //! What several tests share.
 #![allow(dead_code)]
 
+pub mod oracle;
 pub mod snapshot;
+pub mod world;
 
 use std::path::PathBuf;
 use std::sync::OnceLock;

@@ -10,6 +10,7 @@ use photogram::update::PhotonFrame;
 use photogram::volume::Volume;
 
 /// Everything that a rebuild leaves on the device, in an order of its own.
+#[derive(Clone)]
 pub struct Snapshot {
     /// (place, state) of event k of photon p, photon by photon.
     pub slots: Vec<[[u32; 4]; 2]>,

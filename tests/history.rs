@@ -1,0 +1,67 @@
+//! Histories against an oracle: a plain computation on the host of what each flight and
+//! each segment relied on, sharing no code with the kernels. Whatever the edits before, a
+//! mask must contain it; by how much it exceeds it is printed.
+
+mod common;
+
+use common::gpu;
+use common::oracle::Oracle;
+use common::snapshot::snapshot;
+use common::world::{CLASSES, Dice, frame, random_edit, update, world};
+use photogram::render::Split;
+use photogram::scene::{Estimator, Filter, Weighting};
+
+const VARIANTS: [(Estimator, Filter); 4] = [
+    (Estimator::Fluence, Filter::Linear),
+    (Estimator::Fluence, Filter::Nearest),
+    (Estimator::Points, Filter::Linear),
+    (Estimator::Points, Filter::Nearest),
+];
+
+#[test]
+fn histories_contain_what_was_relied_on() {
+    for (seed, (estimator, filter)) in (1..).zip(VARIANTS) {
+        let (home, volume) = world(estimator, Weighting::Even, filter);
+        let mut frame = frame(&home, &volume, &Split::default());
+        let mut scene = home.clone();
+        let mut dice = Dice(seed);
+        for edit in 0..25 {
+            let found = Oracle::new(&volume, &scene, &frame).judge(&snapshot(gpu(), &frame));
+            assert_eq!(
+                found.missing,
+                [0, 0],
+                "{estimator}, {filter}, after {edit} edits: {found:?}"
+            );
+            assert!(found.relied_on.iter().all(|&n| n > 200), "{estimator}, {filter}: {found:?}");
+            if edit == 0 || edit == 24 {
+                let [slots, segments] = found.excess();
+                println!(
+                    "{estimator}, {filter}, after {edit} edits: a slot's mask has {slots:.2} times \
+                     the bits that it needs, a segment's {segments:.2}; {found:?}"
+                );
+            }
+            random_edit(&mut scene, CLASSES[edit % CLASSES.len()], &mut dice, &home);
+            update(&mut frame, &scene, &Split::default());
+        }
+    }
+}
+
+/// The oracle can fail: one bit less is seen.
+#[test]
+fn one_bit_less_is_seen() {
+    let (scene, volume) = world(Estimator::Fluence, Weighting::Even, Filter::Linear);
+    let frame = frame(&scene, &volume, &Split::default());
+    let oracle = Oracle::new(&volume, &scene, &frame);
+    let whole = snapshot(gpu(), &frame);
+    let mut seen = [false; 2];
+    for bit in 0..64 {
+        let word = bit / 32;
+        let mut less = whole.clone();
+        less.slots.iter_mut().for_each(|[_, state]| state[2 + word] &= !(1 << (bit % 32)));
+        less.segments.iter_mut().for_each(|s| s[4 + word] &= !(1 << (bit % 32)));
+        let missing = oracle.judge(&less).missing;
+        seen = [seen[0] || missing[0] > 0, seen[1] || missing[1] > 0];
+    }
+    assert_eq!(seen, [true, true]);
+    assert_eq!(oracle.judge(&whole).missing, [0, 0]);
+}
