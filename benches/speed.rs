@@ -1,7 +1,9 @@
 //! Speed on the adapter at hand: time of each stage, how tracing and sorting grow with
 //! the photons, and the time to an error of 0.02 on `knuckle` for the three estimators.
 //!
-//!     cargo bench --bench speed -- [--photons N] [--out FOLDER]
+//! Also the time to that error after an edit: the update of a frame, not a render.
+//!
+//!     cargo bench --bench speed -- [--photons N] [--edit-only] [--out FOLDER]
 //!
 //! Figures are medians of five runs; writes `speed.json` to the folder (out/speed).
 
@@ -10,6 +12,7 @@ use std::path::PathBuf;
 use clap::Parser;
 use photogram::film::Image;
 use photogram::gpu::{AdapterChoice, Gpu};
+use photogram::measure;
 use photogram::metrics::Metrics;
 use photogram::render::{Progress, Rendered, Report, Split, render};
 use photogram::scene::{Estimator, Scale, Scene, Weighting};
@@ -23,6 +26,9 @@ struct Args {
     photons: u64,
     #[arg(long, default_value = "out/speed")]
     out: PathBuf,
+    /// Measures the time to an error after an edit alone
+    #[arg(long)]
+    edit_only: bool,
     /// Given by cargo
     #[arg(long, hide = true)]
     bench: bool,
@@ -36,7 +42,12 @@ fn main() -> anyhow::Result<()> {
     let args = Args::parse();
     let gpu = Gpu::open(&AdapterChoice::Best)?;
     println!("adapter: {}", gpu.report().name);
+    if args.edit_only {
+        edit_to_error(&gpu, 4 * args.photons)?;
+        return Ok(());
+    }
     let report = json!({
+        "edit_to_error": edit_to_error(&gpu, 4 * args.photons)?,
         "adapter": gpu.report(),
         "stages": stages(&gpu)?,
         "growth": growth(&gpu, args.photons)?,
@@ -168,6 +179,63 @@ fn time_to_error(gpu: &Gpu, most: u64) -> anyhow::Result<serde_json::Value> {
             "ratio_to_fluence": best.zip(all.first()).and_then(|(b, first): (_, &serde_json::Value)| {
                 first["time_ms"].as_f64().map(|t| b.0 / t)
             }),
+        }));
+    }
+    Ok(all.into())
+}
+
+/// The least time in which an update by the bone edit of `knuckle` comes below [`GOAL`], by
+/// exact `fluence` and by `points plain`, over sizes and photons.
+fn edit_to_error(gpu: &Gpu, most: u64) -> anyhow::Result<serde_json::Value> {
+    let (mut scene, volume, _) = knuckle()?;
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/truth");
+    let mut after = Scene::load(folder.join("knuckle_bone_edit.toml"))?;
+    let truth = Image::read_exr(folder.join("knuckle_bone_edit.exr"))?;
+    after.settings.majorant = scene.settings.majorant;
+    after.settle(&volume);
+    let silent = &mut Progress::silent();
+    println!("\nafter an edit  size  photons    relMSE  update ms  rebuild ms");
+    let mut all: Vec<serde_json::Value> = Vec::new();
+    for (label, estimator, sizes) in [
+        ("fluence exact", Estimator::Fluence, [1.0, 0.5, 0.25]),
+        ("points plain", Estimator::Points, [1.0, 0.5, 0.25]),
+    ] {
+        let mut best: Option<(f64, f64, u64, f64, f64)> = None;
+        for size in sizes {
+            let mut photons = most >> 10;
+            while photons <= most {
+                let s = &mut scene.settings;
+                (s.estimator, s.weighting) = (Some(estimator), Weighting::Plain);
+                (s.photons, s.radius, s.grid, s.rays) = (photons, Some(size), size, 1);
+                let edited = Scene { settings: s.clone(), ..after.clone() };
+                let mut frame = measure::fresh(gpu, &scene, &volume)?;
+                frame.rebuild(gpu, &Split::default(), silent)?;
+                let (_, _, update) = measure::update(gpu, &mut frame, &edited, silent)?;
+                if best.is_some_and(|b| b.0 <= update.total) {
+                    break;
+                }
+                let error = Metrics::of(&frame.segments.image(gpu)?, &truth)?.rel_mse;
+                if error <= GOAL {
+                    let rebuild = measure::rebuild(gpu, &mut frame, silent)?.1.total;
+                    best = Some((update.total, size, photons, error, rebuild));
+                    break;
+                }
+                photons *= 2;
+            }
+        }
+        match best {
+            Some((ms, size, photons, error, rebuild)) => println!(
+                "{label:<14}{size:>5} {photons:>8} {error:>9.4} {ms:>10.0} {rebuild:>11.0}"
+            ),
+            None => println!("{label:<14}not reached with {most} photons"),
+        }
+        let ratio = best
+            .zip(all.first())
+            .and_then(|(b, first)| first["update_ms"].as_f64().map(|t| b.0 / t));
+        all.push(json!({
+            "estimator": label, "update_ms": best.map(|b| b.0), "size": best.map(|b| b.1),
+            "photons": best.map(|b| b.2), "rel_mse": best.map(|b| b.3),
+            "rebuild_ms": best.map(|b| b.4), "ratio_to_fluence": ratio,
         }));
     }
     Ok(all.into())

@@ -117,7 +117,7 @@ pub type Segment = [u32; 8];
 /// The light field that segments read.
 pub enum LightField {
     /// Sorted photons.
-    Points(Points),
+    Points(Box<Points>),
     /// The fluence grid.
     Fluence(Box<Fluence>),
 }

@@ -128,7 +128,7 @@ impl PhotonFrame {
                     Weighting::Plain => "points plain",
                     Weighting::Even => "points even",
                 };
-                let points = Points::new(gpu, &device, settings, radius)?;
+                let points = Box::new(Points::new(gpu, &device, settings, radius)?);
                 (LightField::Points(points), name, radius as f32)
             }
         };

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use common::gpu;
 use common::snapshot::{Snapshot, rebuild, snapshot};
 use common::world::{CLASSES, Dice, frame, random_edit, update, world};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use photogram::render::{Progress, Split};
 use photogram::scene::{Estimator, Filter, Scene, Spatial, Weighting};
 use photogram::segment::LightField;
@@ -202,7 +202,8 @@ fn a_transparent_value_made_opaque_stops_what_had_flown_through_and_left() {
 
 #[test]
 fn awkward_edits_are_exact() {
-    let edits: [(&str, fn(&mut Scene)); 10] = [
+    type Edit = (&'static str, fn(&mut Scene));
+    let edits: [Edit; 12] = [
         ("everything changes", |s| s.materials.iter_mut().for_each(|m| m.extinction *= 0.5)),
         ("all is removed", |s| s.materials.clear()),
         ("the occluder goes", |s| s.materials.retain(|m| m.name != "soft")),
@@ -212,6 +213,19 @@ fn awkward_edits_are_exact() {
         ("all lights go", |s| s.lights.clear()),
         ("a light goes out", |s| s.lights[0].emitted = DVec3::ZERO),
         ("the background", |s| s.background = DVec3::ONE),
+        ("one entry at a bin's edge", |s| {
+            // Entry 1024 is the first of bin 16.
+            let [low, high] = s.volume.load().expect("the phantom").range();
+            let edge = |entry: f64| low + (high - low) * entry / 4096.0;
+            let mut m = s.materials[2].clone();
+            m.name = "edge".into();
+            m.ramp = vec![[edge(1024.0), 1.0], [edge(1025.0), 1.0]];
+            s.materials.push(m);
+        }),
+        ("values outside the window", |s| {
+            s.materials[2].ramp =
+                vec![[-9000.0, 1.0], [-2000.0, 1.0], [-2000.0, 0.0], [600.0, 1.0], [9000.0, 1.0]];
+        }),
         ("the top value", |s| s.materials[2].ramp = vec![[-2000.0, 0.0], [9000.0, 1.0]]),
     ];
     for (what, edit) in edits {
@@ -243,6 +257,30 @@ fn the_smallest_frames_are_exact() {
         scene.materials[0].extinction = extinction;
         update(&mut frame, &scene, &Split::default());
         assert_eq!(difference(&frame, &scene, &volume), None);
+    }
+}
+
+#[test]
+fn one_voxel_is_exact() {
+    let volume = Volume::new([1; 3], DVec3::ONE, DMat3::IDENTITY, DVec3::ZERO, vec![7_u16])
+        .expect("a sound volume");
+    let (_, lights) = common::world::WORLD.split_once("[[light]]").expect("lights");
+    let (lights, _) = lights.split_once("[[material]]").expect("materials");
+    let text = format!(
+        "[camera]\nfrom = [0, -1, 0]\nwidth = 6\nheight = 6\n[[light]]{lights}[[material]]\nname = \
+         \"all\"\nwindow = [0, 10]\nextinction = 1.0\nalbedo = 0.5\n[settings]\nphotons = 200\n\
+         max_events = 3\nsegments = 2\nmajorant = 2.0\n"
+    );
+    for estimator in [Estimator::Fluence, Estimator::Points] {
+        let mut scene = common::scene_over(&volume, &text);
+        scene.settings.estimator = Some(estimator);
+        let mut frame = frame(&scene, &volume, &Split::default());
+        for extinction in [0.3, 0.0, 1.9] {
+            scene.materials[0].extinction = extinction;
+            let (_, done) = update(&mut frame, &scene, &Split::default());
+            assert!(done.listed > 0 && done.recomputed > 0);
+            assert_eq!(difference(&frame, &scene, &volume), None, "{estimator}, {extinction}");
+        }
     }
 }
 

@@ -10,7 +10,7 @@ use photogram::volume::Volume;
 use super::gpu;
 
 /// A small world: a point light and surroundings, three tissues over a 24^3 hand.
-const WORLD: &str = r#"
+pub const WORLD: &str = r#"
 [volume]
 phantom = "hand"
 size = 32
