@@ -269,7 +269,7 @@ fn one_voxel_is_exact() {
     let text = format!(
         "[camera]\nfrom = [0, -1, 0]\nwidth = 6\nheight = 6\n[[light]]{lights}[[material]]\nname = \
          \"all\"\nwindow = [0, 10]\nextinction = 1.0\nalbedo = 0.5\n[settings]\nphotons = 200\n\
-         max_events = 3\nsegments = 2\nmajorant = 2.0\n"
+         max_events = 3\nsegments = 2\nrays = 1\nmajorant = 2.0\n"
     );
     for estimator in [Estimator::Fluence, Estimator::Points] {
         let mut scene = common::scene_over(&volume, &text);
