@@ -45,6 +45,7 @@ fn built_in(name: &str) -> Result<Scene> {
 
 /// An edit, applied and undone `runs` times over.
 struct Edited {
+    /// What the first did: later ones may meet tighter histories.
     updated: Updated,
     /// Medians.
     cost: Cost,
@@ -58,14 +59,14 @@ fn edited(
     progress: &mut Progress,
 ) -> Result<Edited> {
     let mut costs = Vec::new();
-    let mut last = Updated::default();
+    let mut first = None;
     for _ in 0..runs {
         let (_, updated, cost) = measure::update(gpu, frame, after, progress)?;
         costs.push(cost);
-        last = updated;
+        first.get_or_insert(updated);
         measure::update(gpu, frame, before, progress)?;
     }
-    Ok(Edited { updated: last, cost: typical(&costs) })
+    Ok(Edited { updated: first.unwrap_or_default(), cost: typical(&costs) })
 }
 
 /// A full rebuild, `runs` times over.

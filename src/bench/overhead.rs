@@ -25,6 +25,8 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
             let mut scene = built_in(name)?;
             scene.scale(effort.scale);
             scene.settings.estimator = Some(estimator);
+            // As few events as the paper has: gathers are dear.
+            scene.settings.max_events = 2;
             let volume = scene.volume.load()?;
             scene.settle(&volume);
             let silent = &mut Progress::silent();

@@ -219,7 +219,10 @@ fn measured(
         round(percent(counts.invalid, photons)),
         round(percent(counts.reweighed, photons)),
         round(percent(counts.changed, photons)),
-        round(counts.changed as f64 / updated.listed.max(1) as f64),
+        match updated.listed {
+            0 => json!(null),
+            listed => round(counts.changed as f64 / listed as f64),
+        },
         round(percent(updated.recomputed, updated.segments)),
         round(cost.phases.photons),
         round(cost.phases.light_field),
