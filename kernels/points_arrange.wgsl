@@ -1,8 +1,6 @@
-// Puts the points that came and went in the order of their keys, and marks where light
-// changed.
+// Puts the points that came and went in the order of their keys.
 
 import package::constants::GROUP;
-import package::shared::dirty::mark_dirty;
 import package::shared::item::item_index;
 import package::shared::points::PointsParams;
 
@@ -21,9 +19,6 @@ fn main(
 ) {
     let point = item_index(group, groups, local);
     if point >= params.count { return; }
-    let place = taken_places[taken_order[point]];
-    point_places[point] = place;
+    point_places[point] = taken_places[taken_order[point]];
     point_lights[point] = taken_lights[taken_order[point]];
-    let position = bitcast<vec3<f32>>(place.xyz);
-    mark_dirty(position, position);
 }

@@ -111,6 +111,16 @@ struct SortedBatch {
     slots: wgpu::Buffer,
 }
 
+/// What differs from what the segments have seen.
+enum Changes {
+    /// Nothing.
+    None,
+    /// What went, with negative light, and what came.
+    Listed(Sorted),
+    /// So much that all is to be gathered anew.
+    TooMany,
+}
+
 /// Points of a batch that came (sign 1) or went (-1).
 struct Marked<'a> {
     batch: &'a SortedBatch,
@@ -140,8 +150,8 @@ pub struct Points {
     batches: Vec<Arc<SortedBatch>>,
     /// The batches that all segments were computed from.
     seen: Vec<Arc<SortedBatch>>,
-    /// What went since then, with negative light, and what came.
-    changes: Option<Sorted>,
+    /// What went and came since then.
+    changes: Changes,
     /// No points, for a scene without lights.
     none: Sorted,
     mark: Arc<Kernel>,
@@ -150,6 +160,7 @@ pub struct Points {
     find: Arc<Kernel>,
     number: Arc<Kernel>,
     compare: Arc<Kernel>,
+    dirty: Arc<Kernel>,
     take: Arc<Kernel>,
     arrange: Arc<Kernel>,
 }
@@ -190,13 +201,14 @@ impl Points {
             key_bits: u64::BITS - (cells - 1).leading_zeros(),
             batches: Vec::new(),
             seen: Vec::new(),
-            changes: None,
+            changes: Changes::None,
             mark: gpu.kernel("points_mark", &[])?,
             compact: gpu.kernel("points_compact", &[])?,
             record: record_kernel(gpu, scene, even)?,
             find: gpu.kernel("points_starts", &[])?,
             number: gpu.kernel("points_number", &[])?,
             compare: gpu.kernel("points_match", &[])?,
+            dirty: gpu.kernel("points_dirty", &[])?,
             take: gpu.kernel("points_take", &[])?,
             arrange: gpu.kernel("points_arrange", &[])?,
         })
@@ -230,7 +242,7 @@ impl Points {
     ) -> Result<()> {
         let total = map.batches.len();
         let before = std::mem::take(&mut self.batches);
-        self.changes = None;
+        self.changes = Changes::None;
         for i in 0..total {
             let batch = &map.batches[i];
             let own = of_batch(&before, batch).filter(|_| !all && !batch.stale);
@@ -310,7 +322,7 @@ impl Points {
         for seen in gone {
             marked.push(Marked::all(gpu, seen, -1.0)?);
         }
-        self.changes = self.taken(gpu, dirty, &mut marked)?;
+        self.changes = self.found(gpu, dirty, &mut marked)?;
         Ok(())
     }
 
@@ -342,20 +354,34 @@ impl Points {
         Ok([went, came])
     }
 
-    /// All marked points, sorted together.
-    fn taken(&self, gpu: &Gpu, dirty: &Dirty, marked: &mut [Marked]) -> Result<Option<Sorted>> {
+    /// Counts the marked points and marks the light around them. Lists them, unless to gather
+    /// all points anew is cheaper: those that changed lie close together as a rule, so they
+    /// are denser around what they touch than their share tells.
+    fn found(&self, gpu: &Gpu, dirty: &Dirty, marked: &mut [Marked]) -> Result<Changes> {
         let mut total = 0;
         for m in &mut *marked {
-            let all = m.batch.points.count;
-            let mut stage = gpu.stage("points_take");
-            Scanner::new(gpu, all + 1)?.record(&mut stage, &m.marks, all + 1)?;
+            let count = m.batch.points.count;
+            let mut bindings = [m.batch.points.bindings(), dirty.bindings()].concat();
+            bindings.push(("ranks", (&m.marks).into()));
+            let mut stage = gpu.stage("points_dirty");
+            Scanner::new(gpu, count + 1)?.record(&mut stage, &m.marks, count + 1)?;
+            let params = PointsParams { count, ..self.params };
+            stage.dispatch(&self.dirty, count.into(), &bindings, &params)?;
             stage.finish()?;
-            m.first = total;
-            total += gpu.read_word("points_take", &m.marks, all.into())?;
+            m.first = total as u32;
+            total += u64::from(gpu.read_word("points_dirty", &m.marks, count.into())?);
         }
-        if total == 0 {
-            return Ok(None);
+        let all: u64 = self.batches.iter().map(|b| u64::from(b.points.count)).sum();
+        let fits = total * size_of::<[u32; 4]>() as u64 <= gpu.max_binding();
+        match total {
+            0 => Ok(Changes::None),
+            _ if 2 * total >= all || !fits => Ok(Changes::TooMany),
+            _ => Ok(Changes::Listed(self.taken(gpu, marked, total as u32)?)),
         }
+    }
+
+    /// All marked points, sorted together.
+    fn taken(&self, gpu: &Gpu, marked: &[Marked], total: u32) -> Result<Sorted> {
         let sorted = Sorted::new(gpu, total, &self.params)?;
         let order = gpu.buffer::<u32>("points order", total as usize)?;
         let places = gpu.buffer::<[u32; 4]>("point places", total as usize)?;
@@ -377,19 +403,19 @@ impl Points {
             stage.finish()?;
         }
         Sorter::new(gpu, total)?.sort(gpu, &sorted.keys, &order, total, self.key_bits)?;
-        let bindings = [sorted.bindings(), taken.to_vec(), dirty.bindings()].concat();
+        let bindings = [sorted.bindings(), taken.to_vec()].concat();
         let live = PointsParams { count: total, ..self.params };
         let mut stage = gpu.stage("points_arrange");
         stage.dispatch(&self.arrange, total.into(), &bindings, &live)?;
         stage.dispatch(&self.find, u64::from(live.buckets) + 1, &bindings, &live)?;
         stage.finish()?;
-        Ok(Some(sorted))
+        Ok(sorted)
     }
 
     /// All segments were computed from what there is.
     pub fn settle(&mut self) {
         self.seen.clone_from(&self.batches);
-        self.changes = None;
+        self.changes = Changes::None;
     }
 
     /// All points.
@@ -400,13 +426,14 @@ impl Points {
         }
     }
 
-    /// What went, with negative light, and what came since all segments were computed;
-    /// `None` where to gather all points anew is cheaper. Changed points lie close together
-    /// as a rule, so they are denser around what they touch than their share tells.
+    /// What went and what came since all segments were computed; `None` where all points are
+    /// to be gathered anew.
     pub(crate) fn changes(&self) -> Option<Vec<Run<'_>>> {
-        let all: u64 = self.batches.iter().map(|b| u64::from(b.points.count)).sum();
-        let changed = self.changes.as_ref().map_or(0, |points| u64::from(points.count));
-        (changed == 0 || 2 * changed < all).then(|| self.changes.iter().map(Sorted::run).collect())
+        match &self.changes {
+            Changes::None => Some(Vec::new()),
+            Changes::Listed(points) => Some(vec![points.run()]),
+            Changes::TooMany => None,
+        }
     }
 
     /// The sorted points of all batches: position and direction, contribution and g.

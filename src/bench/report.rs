@@ -117,38 +117,43 @@ impl Chart {
         X::CoordDescType: Ranged<ValueType = f64> + ValueFormatter<f64>,
     {
         let boxed = |e: DrawingAreaErrorKind<_>| Box::new(e);
-        let root = SVGBackend::with_string(text, (760, 460)).into_drawing_area();
+        let root = SVGBackend::with_string(text, (900, 440)).into_drawing_area();
         root.fill(&WHITE).map_err(boxed)?;
+        let (plot, legend) = root.split_horizontally(640);
         let y = (low.max(1e-4) / 1.3..high * 1.3).log_scale();
-        let mut chart = ChartBuilder::on(&root)
-            .caption(&self.title, ("sans-serif", 17))
+        let mut chart = ChartBuilder::on(&plot)
+            .caption(&self.title, ("sans-serif", 16))
             .margin(10)
             .x_label_area_size(40)
             .y_label_area_size(60)
             .build_cartesian_2d(x, y)
             .map_err(boxed)?;
         let [x_label, y_label] = &self.axes;
-        chart.configure_mesh().x_desc(x_label).y_desc(y_label).draw().map_err(boxed)?;
-        for (series, colour) in self.series.iter().zip(COLOURS.iter().cycle()) {
-            let points = series.points.iter().map(|&(x, y)| (x, y.max(low.max(1e-4))));
-            if series.joined {
-                chart
-                    .draw_series(LineSeries::new(points.clone(), colour.stroke_width(2)))
-                    .map_err(boxed)?;
-            }
-            chart
-                .draw_series(points.map(|p| Circle::new(p, 3, colour.filled())))
-                .map_err(boxed)?
-                .label(&series.name)
-                .legend(move |p| Circle::new(p, 4, colour.filled()));
-        }
+        let short = |value: &f64| format!("{}", (value * 1e6).round() / 1e6);
         chart
-            .configure_series_labels()
-            .background_style(WHITE.mix(0.8))
-            .border_style(BLACK.mix(0.3))
-            .position(SeriesLabelPosition::UpperLeft)
+            .configure_mesh()
+            .x_desc(x_label)
+            .y_desc(y_label)
+            .x_label_formatter(&short)
+            .y_label_formatter(&short)
+            .light_line_style(TRANSPARENT)
+            .bold_line_style(BLACK.mix(0.12))
             .draw()
             .map_err(boxed)?;
+        for (i, (series, colour)) in self.series.iter().zip(COLOURS.iter().cycle()).enumerate() {
+            let points = series.points.iter().map(|&(x, y)| (x, y.max(low.max(1e-4))));
+            if series.joined {
+                let line = LineSeries::new(points.clone(), colour.stroke_width(2));
+                chart.draw_series(line).map_err(boxed)?;
+            }
+            let size = if series.joined { 3 } else { 5 };
+            let dots = points.map(|p| Circle::new(p, size, colour.mix(0.7).filled()));
+            chart.draw_series(dots).map_err(boxed)?;
+            let at = (8, 50 + 20 * i as i32);
+            legend.draw(&Circle::new(at, 4, colour.filled())).map_err(boxed)?;
+            let label = Text::new(series.name.as_str(), (at.0 + 12, at.1 - 6), ("sans-serif", 12));
+            legend.draw(&label).map_err(boxed)?;
+        }
         root.present().map_err(boxed)?;
         Ok(())
     }

@@ -38,6 +38,7 @@ pub const KERNELS: &[(&str, &[&str])] = &[
     ("points_starts", &[]),
     ("points_number", &[]),
     ("points_match", &[]),
+    ("points_dirty", &[]),
     ("points_take", &[]),
     ("points_arrange", &[]),
     (

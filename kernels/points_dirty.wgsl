@@ -1,0 +1,23 @@
+// Marks where light changed: around every point that came or went. `ranks` is the prefix sum
+// of the marks.
+
+import package::constants::GROUP;
+import package::shared::dirty::mark_dirty;
+import package::shared::item::item_index;
+import package::shared::points::PointsParams;
+
+@group(0) @binding(8) var<uniform> params: PointsParams;
+@group(0) @binding(9) var<storage, read> ranks: array<u32>;
+@group(0) @binding(10) var<storage, read> point_places: array<vec4<u32>>;
+
+@compute @workgroup_size(GROUP)
+fn main(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let point = item_index(group, groups, local);
+    if point >= params.count || ranks[point] == ranks[point + 1u] { return; }
+    let position = bitcast<vec3<f32>>(point_places[point].xyz);
+    mark_dirty(position, position);
+}
