@@ -68,7 +68,8 @@ pub struct Updated {
     pub recomputed: u64,
     /// Segments in all.
     pub segments: u64,
-    /// What the stages counted, from the edit on.
+    /// What the stages counted, from the edit on. A rebuild compares nothing: all its photons
+    /// count as invalid and as changed.
     pub counts: Counters,
     /// What they took.
     pub phases: Phases,
@@ -245,13 +246,19 @@ impl PhotonFrame {
                  other kernels",
             ));
         }
+        if self.fresh {
+            return Ok(Scope::Everything(
+                "most photons begin elsewhere, or nothing is computed yet",
+            ));
+        }
         let touched = relit || moved || repainted || !change.is_empty();
         self.pending |= touched;
         Ok(if touched { Scope::Part } else { Scope::Nothing })
     }
 
     /// Applies edits of lights: the photons of those that moved or went are withdrawn, of
-    /// those that only shine otherwise noted. Returns whether any light changed.
+    /// those that only shine otherwise noted. Where most would be withdrawn, all is computed
+    /// anew. Returns whether any light changed.
     fn relight(
         &mut self,
         gpu: &Gpu,
@@ -262,6 +269,7 @@ impl PhotonFrame {
         let before = self.scene.lights;
         let ids = light_ids(&self.source);
         let mut changed = light_ids(scene) != ids;
+        let mut withdrawn = 0;
         for (id, old) in ids.iter().zip(&before.all) {
             let at = scene.lights.iter().position(|light| light.id == *id);
             let new = at.map(|at| lights.all[at]);
@@ -276,7 +284,14 @@ impl PhotonFrame {
                 }
                 match stays {
                     Some(new) => self.map.batches[i].relit |= new.radiance != old.radiance,
-                    None => self.withdraw(gpu, i, split)?,
+                    None if self.fresh => {}
+                    None => {
+                        withdrawn += self.map.batches[i].photons;
+                        match 2 * u64::from(withdrawn) > u64::from(before.photons) {
+                            true => self.restart(),
+                            false => self.withdraw(gpu, i, split)?,
+                        }
+                    }
                 }
             }
         }
@@ -328,8 +343,9 @@ impl PhotonFrame {
             segments: self.segments.count(),
             ..Default::default()
         };
+        let rebuilds = self.pending && self.fresh;
         if self.pending {
-            if self.fresh {
+            if rebuilds {
                 self.restart();
             }
             let begun = gpu.measured_ms();
@@ -352,6 +368,9 @@ impl PhotonFrame {
             self.settle(gpu)?;
         }
         (done.finished, done.counts) = (true, self.counts(gpu)?);
+        if rebuilds {
+            (done.counts.invalid, done.counts.changed) = (done.photons, done.photons);
+        }
         Ok(done)
     }
 

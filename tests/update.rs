@@ -104,10 +104,10 @@ impl Coverage {
             Scope::Part => 1,
             Scope::Everything(_) => 2,
         }] += 1;
-        self.invalid += done.counts.invalid;
-        self.reweighed += done.counts.reweighed;
-        self.changed += done.counts.changed;
         if scope == Scope::Part {
+            self.invalid += done.counts.invalid;
+            self.reweighed += done.counts.reweighed;
+            self.changed += done.counts.changed;
             self.listed += done.listed;
             self.untouched_photons += done.photons - done.listed;
             self.recomputed += done.recomputed;
