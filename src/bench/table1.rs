@@ -8,6 +8,7 @@ use super::{built_in, edited, percent, rebuilt, without_histories};
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::measure;
+use crate::metrics::Metrics;
 use crate::query::Query;
 use crate::render::{Progress, Split};
 use crate::scene::{Estimator, Scene, Spatial, Weighting};
@@ -75,7 +76,7 @@ const VARIANTS: [Variant; 3] = [
     },
 ];
 
-const COLUMNS: [&str; 28] = [
+const COLUMNS: [&str; 29] = [
     "edit",
     "variant",
     "photons",
@@ -99,6 +100,7 @@ const COLUMNS: [&str; 28] = [
     "total ms",
     "speed-up",
     "mismatches",
+    "relMSE of stale light",
     "paper overhead %",
     "paper retraced %",
     "paper recomputed %",
@@ -140,10 +142,11 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
     }
     report.notes.push(
         "touched: photons whose flights or whose light the edit may change, also in per cent of \
-         those that interact at all, since many miss the phantoms in their bounds; retraced: photons with a flight traced again; reweighed: photons with a slot of \
-         which only the power was found again; precision: changed / (retraced or \
-         reweighed). Mismatches are against a rebuild by the same kernels; the paper's \
-         settings (spatial off) leave stale light and have some."
+         those that interact at all, since many miss the phantoms in their bounds; retraced: \
+         photons with a flight traced again; reweighed: photons with a slot of which only the \
+         power was found again; precision: changed / (retraced or reweighed). Mismatches are against a rebuild by the same kernels; the paper's \
+         settings (spatial off) leave stale light and have some; relMSE of stale light: of \
+         the updated image against the rebuilt one."
             .to_owned(),
     );
     report.charts.push(Chart {
@@ -193,6 +196,8 @@ fn measured(
     let mut fresh = measure::fresh(gpu, &after, &volume)?;
     fresh.rebuild(gpu, &Split::default(), silent)?;
     let mismatches = measure::compare(gpu, &frame, &fresh)?;
+    let [shown, right] = [&frame, &fresh].map(|frame| frame.segments.image(gpu));
+    let stale = Metrics::of(&shown?, &right?)?.rel_mse;
 
     let Edited { updated, cost } = &edit;
     let (photons, counts) = (updated.photons, &updated.counts);
@@ -235,6 +240,7 @@ fn measured(
                 + mismatches.segment_mismatches
                 + mismatches.pixel_mismatches
         ),
+        json!(stale),
         json!(overhead),
         json!(retraced),
         json!(recomputed),

@@ -1,6 +1,7 @@
 //! Whether an update's time is in proportion to its work: edits of growing size on the
 //! built-in scenes, stage by stage, against a full rebuild.
 
+use glam::DVec3;
 use serde_json::json;
 
 use super::{Chart, Edited, Effort, Report, Series, Sheet};
@@ -10,7 +11,7 @@ use crate::gpu::Gpu;
 use crate::measure;
 use crate::photon::Counters;
 use crate::render::{Progress, Split};
-use crate::scene::{Estimator, Scene};
+use crate::scene::{Estimator, LightKind, Scene};
 
 const SCENES: [(&str, Estimator); 7] = [
     ("hand", Estimator::Fluence),
@@ -31,13 +32,16 @@ const STAGES: [Stage; 3] = [
     ("segment", &["segment", "segment_query", "composite"], |c| c.samples + c.gathered),
 ];
 
+/// The edit that touches everything.
+const EVERYTHING: &str = "lights moved";
+
 /// What a stage may cost beyond its share of the visits: `1.3 share + 0.1`.
 fn bound(share: f64) -> f64 {
     1.3 * share + 0.1
 }
 
-/// Measures edits that recolour one material, then two, and so on, and edits that halve
-/// their extinction.
+/// Measures edits that recolour one material, then two, and so on, edits that halve their
+/// extinction, and one that moves all lights, which touches everything.
 ///
 /// # Errors
 /// Memory does not suffice; the device failed.
@@ -111,7 +115,7 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
                 json!(full.cost.total),
                 json!(edit.cost.total),
                 json!(edit.cost.total / full.cost.total),
-                json!(materials == scene.materials.len() && kind == "extinction"),
+                json!(kind == EVERYTHING),
             ]);
             whole.rows.push(row);
         }
@@ -144,7 +148,7 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
     Ok(report)
 }
 
-/// Edits of one material, of two, and so on.
+/// Edits of one material, of two, and so on; then all lights moved.
 fn edits(scene: &Scene) -> Vec<((&'static str, usize), Scene)> {
     let mut all = Vec::new();
     for count in 1..=scene.materials.len() {
@@ -159,5 +163,15 @@ fn edits(scene: &Scene) -> Vec<((&'static str, usize), Scene)> {
             all.push(((kind, count), after));
         }
     }
+    let mut moved = scene.clone();
+    for light in &mut moved.lights {
+        match &mut light.kind {
+            LightKind::Point { position } => *position *= 0.9,
+            LightKind::Rectangle { corner, edge_u, .. } => *corner += 0.25 * *edge_u,
+            LightKind::Directional { direction } => *direction += 0.1 * DVec3::Z,
+            _ => {}
+        }
+    }
+    all.push(((EVERYTHING, 0), moved));
     all
 }

@@ -60,6 +60,10 @@ pub(super) fn plan() -> Plan {
             ]);
         }
     }
+    // Cam shafts.
+    for y in [-17.0, 17.0] {
+        layers.push(Layer::solid(VALVES, Shape::rod([-52.0, y, 55.0], [52.0, y, 55.0], 6.0)));
+    }
     for x in [-62.0, -20.5, 20.5, 62.0] {
         for y in [-36.0, 36.0] {
             layers.push(Layer::hole(Shape::rod([x, y, -56.0], [x, y, 26.0], 2.6)));
