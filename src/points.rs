@@ -18,7 +18,7 @@ use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
-use crate::gpu::run::Bindings;
+use crate::gpu::run::{Bindings, Resource, Stage};
 use crate::gpu::scan::Scanner;
 use crate::gpu::sort::Sorter;
 use crate::photon::{Batch, PhotonMap};
@@ -30,6 +30,8 @@ use crate::work::fill;
 
 /// Buckets of one batch's table, at most: 16 MiB.
 const MAX_BUCKETS: u64 = 1 << 22;
+/// Buckets that are so far apart are looked for among all points, the others between them.
+pub const BUCKET_STEP: u32 = 256;
 
 shared_struct! {
     /// The geometry of the hash, as every kernel that touches it is told.
@@ -50,10 +52,10 @@ shared_struct! {
         pub first: u32,
         /// -1 where what is taken has gone.
         pub sign: f32,
+        /// Buckets from one whose begin is looked for to the next.
+        pub step: u32,
         /// Keeps the size a multiple of 16.
         pub pad0: u32,
-        /// The same.
-        pub pad1: u32,
     }
 }
 
@@ -157,7 +159,7 @@ pub struct Points {
     mark: Arc<Kernel>,
     compact: Arc<Kernel>,
     record: Arc<Kernel>,
-    find: Arc<Kernel>,
+    starts: Arc<Kernel>,
     number: Arc<Kernel>,
     compare: Arc<Kernel>,
     dirty: Arc<Kernel>,
@@ -205,7 +207,7 @@ impl Points {
             mark: gpu.kernel("points_mark", &[])?,
             compact: gpu.kernel("points_compact", &[])?,
             record: record_kernel(gpu, scene, even)?,
-            find: gpu.kernel("points_starts", &[])?,
+            starts: gpu.kernel("points_starts", &[])?,
             number: gpu.kernel("points_number", &[])?,
             compare: gpu.kernel("points_match", &[])?,
             dirty: gpu.kernel("points_dirty", &[])?,
@@ -297,9 +299,23 @@ impl Points {
         let live = PointsParams { count, ..self.params };
         let mut stage = gpu.stage("points_record");
         stage.dispatch(&self.record, count.into(), &bindings, &live)?;
-        stage.dispatch(&self.find, u64::from(live.buckets) + 1, &bindings, &live)?;
+        self.find(&mut stage, &bindings, &live)?;
         stage.finish()?;
         Ok(sorted)
+    }
+
+    /// Records where each bucket begins.
+    fn find(
+        &self,
+        stage: &mut Stage,
+        bindings: &[(&'static str, Resource)],
+        live: &PointsParams,
+    ) -> Result<()> {
+        for step in [BUCKET_STEP, 1] {
+            let params = PointsParams { step, ..*live };
+            stage.dispatch(&self.starts, u64::from(live.buckets / step) + 1, bindings, &params)?;
+        }
+        Ok(())
     }
 
     /// Finds which points came and which went since all segments were computed, and marks
@@ -407,7 +423,7 @@ impl Points {
         let live = PointsParams { count: total, ..self.params };
         let mut stage = gpu.stage("points_arrange");
         stage.dispatch(&self.arrange, total.into(), &bindings, &live)?;
-        stage.dispatch(&self.find, u64::from(live.buckets) + 1, &bindings, &live)?;
+        self.find(&mut stage, &bindings, &live)?;
         stage.finish()?;
         Ok(sorted)
     }

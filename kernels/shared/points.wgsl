@@ -13,8 +13,8 @@ struct PointsParams {
     kernel: f32,           // 1 / (4/3 pi r^3)
     first: u32,            // place of the first that is taken
     sign: f32,             // -1: what is taken has gone
+    step: u32,             // buckets from one that is looked for to the next
     pad0: u32,
-    pad1: u32,
 }
 
 fn points_cell(position: vec3<f32>, params: PointsParams) -> vec3<i32> {

@@ -138,6 +138,7 @@ fn constants_module() -> String {
         ("CHANGE_PHASE", crate::query::CHANGE_PHASE),
         ("CHANGE_ALBEDO", crate::query::CHANGE_ALBEDO),
         ("DIRTY_SPLIT", crate::dirty::DIRTY_SPLIT),
+        ("BUCKET_STEP", crate::points::BUCKET_STEP),
         ("SPATIAL_AXES", crate::scene::Spatial::Axes as u32),
         ("LIST_READ", crate::segment::LIST_READ),
         ("LIST_LIT", crate::segment::LIST_LIT),
