@@ -16,6 +16,8 @@ pub struct Shot {
     pub scene: Scene,
     /// The picture, one ray a pixel as in editing.
     pub image: Image,
+    /// Photons traced.
+    pub photons: u64,
     /// The edit that led to it, checked against a rebuild.
     pub measured: Option<Measured>,
 }
@@ -38,13 +40,14 @@ pub fn run(gpu: &Gpu, progress: &mut Progress) -> Result<Vec<Shot>> {
     let image = frame.segments.image(gpu)?;
     let edits: Vec<_> = scene.edits.iter().map(|edit| edit.name.clone()).collect();
     let before = scene.clone();
-    let mut shots = vec![Shot { name: "before".to_owned(), scene, image, measured: None }];
+    let photons = frame.scene.lights.photons.into();
+    let mut shots = vec![Shot { name: "before".to_owned(), scene, image, photons, measured: None }];
     for name in edits {
         // Each edit is made to the first scene: between two of them the one before is undone.
         let scene = before.edited(&name)?;
         let measured = Some(measure(gpu, &mut frame, &scene, &volume, true, progress)?);
         let image = frame.segments.image(gpu)?;
-        shots.push(Shot { name, scene, image, measured });
+        shots.push(Shot { name, scene, image, photons, measured });
     }
     Ok(shots)
 }

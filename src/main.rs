@@ -43,7 +43,7 @@ enum Command {
     /// Describes a volume, or lists the adapters
     Info {
         /// .nrrd, .nii or .nii.gz
-        #[arg(required_unless_present = "adapters")]
+        #[arg(required_unless_present = "adapters", conflicts_with = "adapters")]
         volume: Option<PathBuf>,
         /// Lists the adapters of this machine with the limits that matter
         #[arg(long)]
@@ -210,12 +210,12 @@ fn run(cli: &Cli) -> Result<()> {
         Command::Render(args) => cli::render::run_render(&adapter, args),
         Command::Edit(args) => cli::edit::run_edit(&adapter, args),
         Command::Bench(args) => cli::bench::run_bench(&adapter, args),
-        Command::Info { volume, adapters, json } => {
+        Command::Info { volume, json, .. } => {
             cli::check_places(&[json.as_deref()])?;
-            if *adapters {
-                cli::info::list_adapters(json.as_deref())?;
+            match volume {
+                Some(path) => cli::info::describe(path, json.as_deref()),
+                None => cli::info::list_adapters(json.as_deref()),
             }
-            volume.as_deref().map_or(Ok(()), |path| cli::info::describe(path, json.as_deref()))
         }
         Command::Phantom { name, out, size } => {
             let phantom: Phantom = name.parse()?;

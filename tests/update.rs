@@ -345,3 +345,21 @@ fn a_deposit_left_behind_turns_it_red() {
     update(&mut frame, &scene, &Split::default());
     assert_eq!(difference(&frame, &scene, &volume), Some("light field"));
 }
+
+/// The harness can fail: points that went and came, and that no segment hears of, are found
+/// out.
+#[test]
+fn points_left_behind_turn_it_red() {
+    let (mut scene, volume) = world(Estimator::Points, Weighting::Even, Filter::Linear);
+    let mut frame = frame(&scene, &volume, &Split::default());
+    scene.materials[1].extinction *= 1.25;
+    frame.edit(gpu(), &scene, &Split::default()).expect("applies");
+    let mut lit = |boundary: &str| boundary == "segments";
+    let progress = &mut Progress::until(&mut lit);
+    let done = frame.update(gpu(), &Split::default(), progress).expect("updates");
+    assert!(!done.finished);
+    let LightField::Points(points) = &mut frame.field else { panic!("asked for points") };
+    points.settle();
+    frame.update(gpu(), &Split::default(), &mut Progress::silent()).expect("updates");
+    assert_eq!(difference(&frame, &scene, &volume), Some("segments"));
+}

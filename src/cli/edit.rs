@@ -5,13 +5,15 @@ use std::path::Path;
 use anyhow::{Result, ensure};
 use comfy_table::{Table, presets};
 use photogram::demo;
-use photogram::film::{self, Format, Notes};
+use photogram::film::{self, Format};
 use photogram::gpu::{AdapterChoice, Gpu};
 use photogram::measure::{self, Measured};
 use photogram::render::Split;
 use photogram::scene::{Method, Scene, Spatial};
 
-use super::{align_right, check_places, failed, make_folder, say, with_progress, write_json};
+use super::{
+    align_right, check_places, failed, make_folder, notes, say, with_progress, write_json,
+};
 use crate::{EditArgs, prepare};
 
 pub fn run_edit(adapter: &AdapterChoice, args: &EditArgs) -> Result<()> {
@@ -41,7 +43,7 @@ pub fn run_edit(adapter: &AdapterChoice, args: &EditArgs) -> Result<()> {
     let done: Vec<_> = done.iter().map(|(name, m)| (*name, m)).collect();
     let image = frame.segments.image(&gpu)?;
     if let Some((out, format)) = args.out.as_deref().zip(format) {
-        let notes = Notes { scene: scene.to_toml(), ..Default::default() };
+        let notes = notes(&scene, &gpu.report().name, frame.scene.lights.photons.into());
         make_folder(out)?;
         match format {
             Format::Exr => image.write_exr(out, &[], &notes)?,
@@ -166,7 +168,7 @@ pub fn run_demo(adapter: &AdapterChoice, out: &Path, json: Option<&Path>) -> Res
     let shots = with_progress(|progress| demo::run(&gpu, progress))?;
     for shot in &shots {
         let path = out.join(format!("{}.png", shot.name));
-        let notes = Notes { scene: shot.scene.to_toml(), ..Default::default() };
+        let notes = notes(&shot.scene, &gpu.report().name, shot.photons);
         make_folder(&path)?;
         shot.image.write(&path, shot.scene.film, &notes)?;
         say(path.display())?;

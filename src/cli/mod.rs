@@ -10,8 +10,9 @@ use std::path::Path;
 
 use anyhow::Result;
 use comfy_table::{CellAlignment, Table};
-use photogram::film;
+use photogram::film::{self, Notes};
 use photogram::render::Progress;
+use photogram::scene::{Method, Scene};
 
 pub fn align_right(table: &mut Table) {
     for column in table.column_iter_mut().skip(1) {
@@ -30,6 +31,24 @@ pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<()> {
 /// Refuses, before the work, output paths that it could not be written to after it.
 pub fn check_places(paths: &[Option<&Path>]) -> Result<()> {
     Ok(paths.iter().flatten().try_for_each(film::check_writable)?)
+}
+
+/// What a picture tells of how it came to be.
+pub fn notes(scene: &Scene, adapter: &str, photons: u64) -> Notes {
+    let of = |key: &str, value: String| (key.to_owned(), value);
+    let settings = &scene.settings;
+    let rays = match settings.method {
+        Method::PhotonMap => settings.rays,
+        Method::Mcvr | Method::Reference => settings.samples,
+    };
+    let provenance = [
+        of("program", concat!("photogram ", env!("CARGO_PKG_VERSION")).to_owned()),
+        of("adapter", adapter.to_owned()),
+        of("method", settings.method.to_string()),
+        of("photons", photons.to_string()),
+        of("rays", rays.to_string()),
+    ];
+    Notes { scene: scene.to_toml(), provenance: provenance.into() }
 }
 
 pub fn make_folder(file: &Path) -> Result<()> {

@@ -4,11 +4,11 @@ use std::fmt::Write as _;
 
 use anyhow::{Result, ensure};
 use comfy_table::{Table, presets};
-use photogram::film::{Format, Notes};
+use photogram::film::Format;
 use photogram::gpu::{AdapterChoice, Gpu};
-use photogram::render::{Rendered, Report, Split, render};
+use photogram::render::{Rendered, Split, render};
 
-use super::{align_right, check_places, make_folder, say, with_progress, write_json};
+use super::{align_right, check_places, make_folder, notes, say, with_progress, write_json};
 use crate::{RenderArgs, prepare};
 
 pub fn run_render(adapter: &AdapterChoice, args: &RenderArgs) -> Result<()> {
@@ -24,7 +24,8 @@ pub fn run_render(adapter: &AdapterChoice, args: &RenderArgs) -> Result<()> {
     let gpu = Gpu::open(adapter)?;
     let rendered =
         with_progress(|progress| render(&gpu, &scene, &volume, &Split::default(), progress))?;
-    let notes = Notes { scene: scene.to_toml(), provenance: provenance(&rendered.report) };
+    let report = &rendered.report;
+    let notes = notes(&scene, &report.adapter, report.photons);
     make_folder(&args.out)?;
     match (format, &rendered.error) {
         (Format::Exr, Some(error)) => {
@@ -34,18 +35,6 @@ pub fn run_render(adapter: &AdapterChoice, args: &RenderArgs) -> Result<()> {
     }
     say(format_args!("{}{}", summary(&rendered), args.out.display()))?;
     json.map_or(Ok(()), |path| write_json(path, &rendered.report))
-}
-
-fn provenance(report: &Report) -> std::collections::BTreeMap<String, String> {
-    let of = |key: &str, value: String| (key.to_owned(), value);
-    [
-        of("program", concat!("photogram ", env!("CARGO_PKG_VERSION")).to_owned()),
-        of("adapter", report.adapter.clone()),
-        of("method", report.method.to_owned()),
-        of("photons", report.photons.to_string()),
-        of("rays", report.rays.to_string()),
-    ]
-    .into()
 }
 
 fn summary(rendered: &Rendered) -> String {

@@ -184,7 +184,7 @@ impl Settings {
         let step = self.step > 0.0 && self.step <= 4.0;
         scalar("step", self.step, step, "it must be in (0, 4] smallest spacings")?;
         positive("majorant", self.majorant, "per mm")?;
-        count("rays", self.rays.into(), 1, max)?;
+        count("rays", self.rays.into(), 1, 65_536)?;
         count("samples", self.samples.into(), 1, max)?;
         if let Some(events) = self.reference_events {
             count("reference_events", events.into(), 1, max)?;
