@@ -499,6 +499,7 @@ const REFUSED: &[(&str, &str, i32, &str)] = &[
     ("radius = 0.75", "step = 4.1", 0, "it must be in (0, 4] smallest spacings"),
     ("radius = 0.75", "majorant = 0", 0, "it must be > 0, per mm"),
     ("radius = 0.75", "rays = 0", 0, "`rays` is 0"),
+    ("radius = 0.75", "rays = 65537", 0, "it must be 1 to 65536"),
     ("radius = 0.75", "samples = 0", 0, "`samples` is 0"),
     ("radius = 0.75", "flux_unit = -2", 0, "it must be > 0, in W"),
     ("reference_events = 3", "reference_events = 0", 0, "`reference_events` is 0"),
