@@ -1,14 +1,13 @@
 // Which photons an edit touches, and from which event on, H(10). A work item is a photon
 // of the batch; its task says what is to be done, its mark whether anything is.
 //
-// Where extinction rose a flight may be stopped: the slot's history tells. Where it fell
-// only those that interacted there are affected: the slot's own entry tells. Another
-// phase function turns what follows; another albedo only weighs it anew.
+// From its first invalid flight on a photon may take another path. Another phase function
+// turns what follows; another albedo only weighs it anew.
 
-import package::constants::{CHANGE_FALLEN, CHANGE_PHASE, CHANGE_ALBEDO, GROUP};
+import package::constants::{CHANGE_PHASE, CHANGE_ALBEDO, GROUP};
 import package::shared::counter::{INVALID, REWEIGHED, count};
 import package::shared::item::item_index;
-import package::shared::photon::{PhotonParams, Task, NOTHING, pack_task};
+import package::shared::photon::{PhotonParams, Task, NOTHING, pack_task, is_invalid};
 import package::shared::scene::optics;
 import package::shared::slot::{EMPTY, INTERACTION, slot_kind, slot_entry};
 
@@ -17,26 +16,30 @@ import package::shared::slot::{EMPTY, INTERACTION, slot_kind, slot_entry};
 @group(0) @binding(10) var<storage, read_write> tasks: array<u32>;
 @group(0) @binding(11) var<storage, read_write> marks: array<u32>;
 
-fn task_of(photon: u32) -> Task {
+struct Found {
+    touched: u32,  // the first event whose power or flight may be another
+    invalid: u32,  // the first whose flight may be
+}
+
+fn find(photon: u32) -> Found {
     var touched = select(NOTHING, 0u, params.relit == 1u);
     for (var event = 0u; event < params.max_events; event++) {
         let state = states[event * params.photons + photon];
         let kind = slot_kind(state);
         if kind == EMPTY {
             // What was never computed carries a history of all ones.
-            if event == 0u && all(state.zw == vec2<u32>(0xffffffffu)) { return Task(0u, 0u); }
+            if event == 0u && all(state.zw == vec2<u32>(0xffffffffu)) { return Found(0u, 0u); }
             break;
         }
-        if any((state.zw & params.risen) != vec2<u32>(0u)) { return Task(min(touched, event), event); }
+        if is_invalid(state, params.risen) { return Found(min(touched, event), event); }
         if kind != INTERACTION { break; }
         let changes = optics[slot_entry(state)].changes;
-        if (changes & CHANGE_FALLEN) != 0u { return Task(min(touched, event), event); }
         let next = event + 1u;
         if next == params.max_events { break; }
         if (changes & CHANGE_ALBEDO) != 0u { touched = min(touched, next); }
-        if (changes & CHANGE_PHASE) != 0u { return Task(min(touched, next), next); }
+        if (changes & CHANGE_PHASE) != 0u { return Found(min(touched, next), next); }
     }
-    return Task(touched, NOTHING);
+    return Found(touched, NOTHING);
 }
 
 @compute @workgroup_size(GROUP)
@@ -48,9 +51,9 @@ fn main(
     let photon = item_index(group, groups, local);
     if photon == params.photons { marks[photon] = 0u; }  // the scan leaves the total here
     if photon >= params.photons { return; }
-    let task = task_of(photon);
-    tasks[photon] = pack_task(task);
-    marks[photon] = u32(task.touched != NOTHING);
-    count(INVALID, u32(task.retraced != NOTHING));
-    count(REWEIGHED, u32(task.touched < task.retraced));
+    let found = find(photon);
+    tasks[photon] = pack_task(Task(found.touched, NOTHING));
+    marks[photon] = u32(found.touched != NOTHING);
+    count(INVALID, u32(found.invalid != NOTHING));
+    count(REWEIGHED, u32(found.touched < found.invalid));
 }

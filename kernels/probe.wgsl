@@ -2,7 +2,7 @@
 // just as the stages draw them.
 
 import package::constants::GROUP;
-import package::shared::flight::fly;
+import package::shared::flight::{nothing_known, fly};
 import package::shared::item::item_index;
 import package::shared::light::emit;
 import package::shared::phase::sample_phase;
@@ -37,7 +37,7 @@ fn main(
     switch params.what {
         case 0u: {
             let key = draw(frame.seed, i, 0u, FOR_FLIGHT).xy;
-            let f = fly(params.origin, params.direction, key);
+            let f = fly(params.origin, params.direction, key, nothing_known());
             first[i] = vec4<f32>(f.distance, f32(f.entry), f32(f.collided), f32(f.tentative));
             second[i] = vec4<f32>(bitcast<vec2<f32>>(f.history), 0.0, 0.0);
         }

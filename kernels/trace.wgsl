@@ -1,7 +1,8 @@
-// Photon tracing. A work item is a photon of the batch; its task says from which event
-// its power, and from which its flights are found again. A full rebuild lists every
-// photon with both at zero; an update resumes each at its first invalid slot. A dispatch
-// covers a window of events, so that no thread runs for long; the next resumes after it.
+// Photon tracing. A work item is a photon of the batch. A full rebuild lists every one and
+// flies all of it; an update resumes at its first slot that an edit touches. As long as a
+// photon begins its flights where its slots say, only invalid ones are flown again, and of
+// those only what an edit can have changed. A dispatch covers a window of events, so that
+// no thread runs for long; the next resumes after it.
 //
 // Photons continue from what their slots hold, packed, so that resumed and full traces
 // see the same numbers; both go through the same lines of this one pipeline.
@@ -9,22 +10,40 @@
 import package::shared::counter::{
     TENTATIVE, INTERACTIONS, UNFINISHED, count, expect, cut_short
 };
-import package::shared::flight::fly;
+import package::shared::flight::{Known, nothing_known, fly};
 import package::shared::item::item_index;
 import package::shared::photon::{
-    PhotonParams, Departure, unpack_task, identify, depart_from_light, depart_from_slot
+    PhotonParams, Departure, Task, pack_task, unpack_task, is_invalid, identify, depart_from_light,
+    depart_from_slot
 };
 import package::shared::random::{draw, FOR_FLIGHT};
+import package::shared::scene::{frame, optics};
 import package::shared::slot::{
     Slot, EMPTY, INTERACTION, EXIT, slot_place, slot_state, slot_of, unpack_direction
 };
-import package::constants::GROUP;
+import package::shared::walk::FAR;
+import package::constants::{GROUP, CHANGE_FALLEN};
 
 @group(0) @binding(8) var<uniform> params: PhotonParams;
 @group(0) @binding(9) var<storage, read> work: array<u32>;
-@group(0) @binding(10) var<storage, read> tasks: array<u32>;
+@group(0) @binding(10) var<storage, read_write> tasks: array<u32>;
 @group(0) @binding(11) var<storage, read_write> places: array<vec4<u32>>;
 @group(0) @binding(12) var<storage, read_write> states: array<vec4<u32>>;
+
+// What a slot tells of a flight that begins as it did.
+fn known_of(slot: Slot, origin: vec3<f32>, direction: vec3<f32>, params: PhotonParams) -> Known {
+    var known = Known(FAR, FAR, params.rose, params.risen, params.between, slot.history);
+    if slot.kind == INTERACTION {
+        // More than rounding can hide.
+        let edge = min(frame.cell_mm.x, min(frame.cell_mm.y, frame.cell_mm.z));
+        let went = dot(slot.position - origin, direction);
+        let slack = 4e-6 * went + 1e-3 * edge;
+        known.passed = went - slack;
+        let fallen = optics[slot.entry].changes & CHANGE_FALLEN;
+        if fallen == 0u { known.ended = went + slack; }
+    }
+    return known;
+}
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -45,7 +64,7 @@ fn main(
         let before = (event - 1u) * params.photons + photon;
         slot = slot_of(places[before], states[before]);
     }
-    var retraced = task.retraced;
+    var astray = task.astray;
     var tentative = 0u;
     var interactions = 0u;
     var over = false;
@@ -61,24 +80,36 @@ fn main(
         over = all(photon_state.power == vec2<u32>(0u));
         if over { break; }
         let at = event * params.photons + photon;
-        slot = slot_of(places[at], states[at]);
+        let before = slot_of(places[at], states[at]);
         // What ended before and goes on now was never flown.
-        if slot.kind == EMPTY { retraced = min(retraced, event); }
-        if event < retraced {
+        let begun = event < astray && before.kind != EMPTY && before.direction == photon_state.direction;
+        if begun && !is_invalid(states[at], params.risen) {
+            slot = before;
             slot.power = photon_state.power;
         } else {
             let key = draw(id.stream, id.index, event, FOR_FLIGHT).xy;
+            let origin = photon_state.position;
             let direction = unpack_direction(photon_state.direction);
-            let flight = fly(photon_state.position, direction, key);
+            var known = nothing_known();
+            if begun { known = known_of(before, origin, direction, params); }
+            let flight = fly(origin, direction, key, known);
             tentative += flight.tentative;
-            slot = Slot(
-                select(EXIT, INTERACTION, flight.collided),
-                photon_state.position + direction * flight.distance,
-                photon_state.direction,
-                photon_state.power,
-                flight.entry,
-                photon_state.history | flight.history
-            );
+            if flight.stands {
+                slot = before;
+                slot.power = photon_state.power;
+                slot.history = flight.history;
+            } else {
+                slot = Slot(
+                    select(EXIT, INTERACTION, flight.collided),
+                    origin + direction * flight.distance,
+                    photon_state.direction,
+                    photon_state.power,
+                    flight.entry,
+                    flight.history
+                );
+                let same = slot.kind == before.kind && all(slot_place(slot) == places[at]);
+                if !same { astray = min(astray, event + 1u); }
+            }
         }
         places[at] = slot_place(slot);
         states[at] = slot_state(slot);
@@ -92,6 +123,7 @@ fn main(
         places[at] = vec4<u32>(0u);
         states[at] = vec4<u32>(0u);
     }
+    tasks[photon] = pack_task(Task(task.touched, astray));
     count(TENTATIVE, tentative);
     count(INTERACTIONS, interactions);
     count(UNFINISHED, u32(cut_short));

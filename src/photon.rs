@@ -19,6 +19,7 @@ use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
 use crate::gpu::run::Bindings;
 use crate::light::Lights;
+use crate::query::{CHANGE_RISEN, Query};
 use crate::render::{Progress, Split};
 use crate::scene::Settings;
 use crate::work::{WorkList, fill};
@@ -72,6 +73,10 @@ shared_struct! {
         pub first_event: u32,
         /// The event before which it stops.
         pub stop_event: u32,
+        /// Least extinction that one rose from, and the highest that one rose to, 1/mm.
+        pub between: [f32; 2],
+        /// Bins of the values whose extinction rose, whatever the mark.
+        pub rose: [u32; 2],
         /// 1 where the light's power changed.
         pub relit: u32,
         /// Keeps the size a multiple of 16.
@@ -392,11 +397,13 @@ impl PhotonMap {
         gpu: &Gpu,
         scene: &DeviceScene,
         counters: &CounterBuffer,
-        (batch, risen): (usize, u64),
+        (batch, query): (usize, &Query),
         split: &Split,
     ) -> Result<()> {
+        self.params.risen = words(query.risen);
+        self.params.between = query.between;
+        self.params.rose = words(query.mask(CHANGE_RISEN, &scene.bins));
         let params = PhotonParams {
-            risen: words(risen),
             relit: self.batches[batch].relit.into(),
             ..self.params(&self.batches[batch])
         };

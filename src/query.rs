@@ -16,17 +16,19 @@ pub const CHANGE_ALBEDO: u32 = 8;
 pub const CHANGE_EMISSION: u32 = 16;
 
 /// The difference of two transfer functions; several edits may be added up.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Query {
     /// The `CHANGE_` bits of each table entry.
     pub changes: Vec<u32>,
     /// Bits of photon histories where a flight may be stopped that was not.
     pub risen: u64,
+    /// Least extinction that one rose from, and the highest that one rose to, 1/mm.
+    pub between: [f32; 2],
 }
 
 impl Default for Query {
     fn default() -> Self {
-        Self { changes: vec![0; TABLE_ENTRIES], risen: 0 }
+        Self { changes: vec![0; TABLE_ENTRIES], risen: 0, between: [f32::MAX, 0.0] }
     }
 }
 
@@ -48,6 +50,8 @@ impl Query {
             ];
             *change = differs.iter().filter(|(differs, _)| *differs).map(|(_, bit)| bit).sum();
             if after > before {
+                let [least, most] = query.between;
+                query.between = [least.min(before), most.max(after)];
                 query.risen |= octaves(before, after, majorant)
                     .fold(0, |mask, layer| mask | bins.tentative_bit(e, layer));
             }
@@ -61,6 +65,8 @@ impl Query {
             *change |= more;
         }
         self.risen |= other.risen;
+        let ([a, b], [c, d]) = (self.between, other.between);
+        self.between = [a.min(c), b.max(d)];
     }
 
     /// Whether nothing changes.

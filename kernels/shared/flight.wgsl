@@ -8,6 +8,9 @@
 // materials; and where a cell's extinction stays below majorant * 2^-k, the layers
 // before k need not be drawn at all, since nothing in them could be real.
 //
+// A flight that was flown before need not be flown whole after an edit: where it passed, only
+// those values and marks can stop it whose extinction rose.
+//
 // A photon's history knows values and marks: the low bits of a bin give way to the class
 // of the mark's octave, because a tentative collision of mark m can only turn real where
 // extinction rises above m * majorant.
@@ -19,14 +22,31 @@ import package::shared::scene::{
 };
 import package::constants::LAYERS;
 import package::shared::slot::power_of_two;
-import package::shared::walk::{line, inside, walk_begin, walk_leave, walk_step};
+import package::shared::walk::{FAR, line, inside, walk_begin, walk_leave, walk_step};
 
 struct Flight {
     distance: f32,         // mm to the collision, or to the exit
     entry: u32,            // the table entry that decided the collision
     collided: bool,
+    stands: bool,          // it is the known one; nothing else is told then
     history: vec2<u32>,    // bins of everything that was looked at
     tentative: u32,        // tentative collisions made
+}
+
+// What is known of a flight: it passed `passed` mm and, if that still stops it, ended before
+// `ended` mm; only values of `rose` may stop it now that did not, those that with their marks
+// are in `risen`, with mark * majorant in `between`. Nothing is known of a new flight.
+struct Known {
+    passed: f32,
+    ended: f32,
+    rose: vec2<u32>,
+    risen: vec2<u32>,
+    between: vec2<f32>,
+    history: vec2<u32>,
+}
+
+fn nothing_known() -> Known {
+    return Known(0.0, FAR, vec2<u32>(0u), vec2<u32>(0u), vec2<f32>(0.0), vec2<u32>(0u));
 }
 
 fn mark_class(layer: u32) -> u32 {
@@ -37,18 +57,34 @@ fn tentative_bit(bin: u32, layer: u32) -> vec2<u32> {
     return bin_bit((bin & ~(frame.mark_classes - 1u)) | mark_class(layer));
 }
 
+// All values, with the first class.
+fn first_class() -> u32 {
+    return 0xffffffffu / ((1u << frame.mark_classes) - 1u);
+}
+
 // Every value of a mask, with the classes of all layers before `level`.
 fn skipped_bits(mask: vec2<u32>, level: u32) -> vec2<u32> {
     var values = mask;
     for (var by = 1u; by < frame.mark_classes; by <<= 1u) { values |= values >> vec2<u32>(by); }
-    values &= vec2<u32>(0xffffffffu / ((1u << frame.mark_classes) - 1u));
+    values &= vec2<u32>(first_class());
     return values * ((2u << mark_class(level - 1u)) - 1u);
 }
 
-fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>) -> Flight {
+// The layers of a class that has any of the bits.
+fn layers_of(bits: vec2<u32>) -> u32 {
+    let each = LAYERS / frame.mark_classes;
+    var layers = 0u;
+    for (var c = 0u; c < frame.mark_classes; c++) {
+        let any_value = any((bits & vec2<u32>(first_class() << c)) != vec2<u32>(0u));
+        layers |= select(0u, ((1u << each) - 1u) << (c * each), any_value);
+    }
+    return layers;
+}
+
+fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>, known: Known) -> Flight {
     let l = line(origin, direction);
     let leave = inside(l, frame.extent).y;
-    var result = Flight(max(leave, 0.0), 0u, false, vec2<u32>(0u), 0u);
+    var result = Flight(max(leave, 0.0), 0u, false, false, known.history, 0u);
     var t_in = 0.0;
     var arrived = false;
     var w = walk_begin(l, 0.0, frame.cell_mm, frame.cells);
@@ -57,12 +93,28 @@ fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>) -> Flight {
         let cell = cell_index(w.cell);
         var level = 0u;
         @if(skip) { level = cell_levels[cell]; }
+        var layers = ((1u << LAYERS) - 1u) & ~((1u << level) - 1u);
+        var between = vec2<f32>(0.0, FAR);
         @if(history) {
-            // What is not drawn relied on every value that the cell can have.
-            if level > 0u { result.history |= skipped_bits(cell_masks[cell], level); }
+            if t_out < known.passed || t_out > known.ended {
+                let open = skipped_bits(cell_masks[cell] & known.rose, LAYERS) & known.risen;
+                if t_out < known.passed {
+                    layers &= layers_of(open);
+                    between = known.between;
+                } else if all(open == vec2<u32>(0u)) {
+                    result.stands = true;
+                    break;
+                }
+            }
+            // What is not drawn relied on every value that the cell can have; where the known
+            // flight passed, its history has it.
+            if level > 0u && !(t_out < known.passed) {
+                result.history |= skipped_bits(cell_masks[cell], level);
+            }
         }
-        var layer = level;
-        for (; layer < LAYERS; layer++) {
+        while layers != 0u {
+            let layer = firstTrailingBit(layers);
+            layers &= layers - 1u;
             let last = layer == LAYERS - 1u;
             let width = power_of_two(-i32(select(layer + 1u, layer, last)));
             let floor_of_marks = select(width, 0.0, last);
@@ -74,11 +126,12 @@ fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>) -> Flight {
                 over = t >= t_out;
                 if over { break; }
                 result.tentative++;
+                let least = (floor_of_marks + unit(words.y) * width) * frame.majorant;
+                @if(history) { if least < between.x || least >= between.y { continue; } }
                 let entry = entry_at(origin + direction * t);
                 let o = optics[entry];
                 @if(history) { result.history |= tentative_bit(o.bin, layer); }
-                let mark = floor_of_marks + unit(words.y) * width;
-                if mark * frame.majorant < o.extinction {
+                if least < o.extinction {
                     // The first real collision of this layer; another may still be nearer.
                     t_out = t;
                     result.distance = t;
@@ -90,13 +143,13 @@ fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>) -> Flight {
             }
             expect(over);
         }
-        expect(layer >= LAYERS);
+        expect(layers == 0u);
         arrived = result.collided;
         if arrived { break; }
         t_in = max(t_out, t_in);
         arrived = t_out >= leave || !walk_step(&w, l, frame.cell_mm, frame.cells);
         if arrived { break; }
     }
-    expect(arrived);
+    expect(arrived || result.stands);
     return result;
 }

@@ -3,8 +3,11 @@
 import package::shared::light::{lights, emit};
 import package::shared::phase::{uniform_direction, sample_phase};
 import package::shared::random::{draw, unit, unit4, FOR_SCATTER};
-import package::shared::scene::scattering;
-import package::shared::slot::{Slot, INTERACTION, unpack_direction, pack_direction, unpack_power, pack_power};
+import package::shared::scene::{optics, scattering};
+import package::constants::CHANGE_FALLEN;
+import package::shared::slot::{
+    Slot, INTERACTION, slot_kind, slot_entry, unpack_direction, pack_direction, unpack_power, pack_power
+};
 
 struct PhotonParams {
     light: u32,            // which light the batch belongs to
@@ -24,27 +27,37 @@ struct PhotonParams {
     risen: vec2<u32>,      // bins where a flight may be stopped that was not
     first_event: u32,      // the window of events that a dispatch traces
     stop_event: u32,
+    between: vec2<f32>,    // least and highest extinction that it rose from and to
+    rose: vec2<u32>,       // bins of the values that rose, whatever the mark
     relit: u32,            // 1: the light's power changed
     pad0: u32,
     pad1: u32,
     pad2: u32,
 }
 
-// What is to be done with a photon: from `touched` on its power is found again, from
-// `retraced` on its flights. A full rebuild has both at zero.
+// What is to be done with a photon: from `touched` on its power is found again; from
+// `astray` on its path is no longer that of its slots. A full rebuild has both at zero.
 struct Task {
     touched: u32,
-    retraced: u32,
+    astray: u32,
 }
 
 const NOTHING: u32 = 0xffu;  // beyond any event
 
 fn pack_task(task: Task) -> u32 {
-    return task.touched | (task.retraced << 8u);
+    return task.touched | (task.astray << 8u);
 }
 
 fn unpack_task(word: u32) -> Task {
     return Task(word & 0xffu, (word >> 8u) & 0xffu);
+}
+
+// Whether an edit may have changed a flight: where extinction rose it may be stopped, its
+// history tells; where it fell only those that interacted there fly on, H(10).
+fn is_invalid(state: vec4<u32>, risen: vec2<u32>) -> bool {
+    let fallen = optics[slot_entry(state)].changes & CHANGE_FALLEN;
+    return any((state.zw & risen) != vec2<u32>(0u))
+        || (slot_kind(state) == INTERACTION && fallen != 0u);
 }
 
 // A photon on its way: packed, as the next slot will store it.
@@ -52,7 +65,6 @@ struct Departure {
     position: vec3<f32>,
     direction: u32,
     power: vec2<u32>,      // zero: the photon has ended
-    history: vec2<u32>,
 }
 
 // A photon's own random stream and index, known by its light, whatever the batch.
@@ -68,7 +80,7 @@ fn identify(params: PhotonParams, photon: u32) -> Identity {
 
 fn depart_from_light(id: Identity) -> Departure {
     let e = emit(id.light, id.index);
-    return Departure(e.position, pack_direction(e.direction), pack_power(e.power), vec2<u32>(0u));
+    return Departure(e.position, pack_direction(e.direction), pack_power(e.power));
 }
 
 // Implicit capture: the weight takes the albedo; past a given event a roulette with a
@@ -84,5 +96,5 @@ fn depart_from_slot(id: Identity, event: u32, slot: Slot, params: PhotonParams) 
     let u = unit4(words).xy;
     @if(anisotropic) let direction = sample_phase(material.a, unpack_direction(slot.direction), u);
     @if(!anisotropic) let direction = uniform_direction(u);
-    return Departure(slot.position, pack_direction(direction), pack_power(power), slot.history);
+    return Departure(slot.position, pack_direction(direction), pack_power(power));
 }

@@ -155,6 +155,7 @@ fn edit_json(name: &str, m: &Measured) -> serde_json::Value {
             "recomputed_percent": percent(u.recomputed, u.segments),
         },
         "visits": { "full": m.full_counts.visits(), "incremental": c.visits() },
+        "counts": { "full": m.full_counts, "incremental": c },
         "time_ms": { "full": m.full, "incremental": m.incremental },
         "speedup": m.full.total / m.incremental.total,
         "verify": m.mismatches,

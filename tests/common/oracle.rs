@@ -110,8 +110,8 @@ impl<'a> Oracle<'a> {
             let [x, y, z, _] = slot[0];
             DVec3::new(f32::from_bits(x).into(), f32::from_bits(y).into(), f32::from_bits(z).into())
         };
-        let mut values = Vec::new();
         for (event, slot) in slots.iter().enumerate().take_while(|(_, s)| s[1][1] >> 30 != 0) {
+            let mut values = Vec::new();
             let (end, direction) = (place(slot), octahedral(slot[0][3]));
             // A photon of these lights comes from outside: it enters where its line does.
             let length = match event {
