@@ -1,7 +1,9 @@
-// The marked items side by side. `ranks` is the prefix sum of the marks.
+// The marked items side by side, a thread for each word of marks. `ranks` is the prefix sum
+// of how many each word lists.
 
-import package::shared::item::item_index;
 import package::constants::GROUP;
+import package::shared::item::item_index;
+import package::shared::marks::marks;
 
 struct ListParams {
     count: u32,
@@ -17,7 +19,11 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let item = item_index(group, groups, local);
-    if item >= params.count || ranks[item] == ranks[item + 1u] { return; }
-    work[ranks[item]] = item;
+    let word = item_index(group, groups, local);
+    if 32u * word >= params.count { return; }
+    var bits = atomicLoad(&marks[word]);
+    for (var at = ranks[word]; bits != 0u; at++) {
+        work[at] = 32u * word + firstTrailingBit(bits);
+        bits &= bits - 1u;
+    }
 }

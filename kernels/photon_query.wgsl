@@ -7,6 +7,7 @@
 import package::constants::{CHANGE_PHASE, CHANGE_ALBEDO, GROUP};
 import package::shared::counter::{INVALID, REWEIGHED, count};
 import package::shared::item::item_index;
+import package::shared::marks::mark;
 import package::shared::photon::{PhotonParams, Task, NOTHING, pack_task, is_invalid};
 import package::shared::scene::optics;
 import package::shared::slot::{EMPTY, INTERACTION, slot_kind, slot_entry};
@@ -14,7 +15,6 @@ import package::shared::slot::{EMPTY, INTERACTION, slot_kind, slot_entry};
 @group(0) @binding(8) var<uniform> params: PhotonParams;
 @group(0) @binding(9) var<storage, read> states: array<vec4<u32>>;
 @group(0) @binding(10) var<storage, read_write> tasks: array<u32>;
-@group(0) @binding(11) var<storage, read_write> marks: array<u32>;
 
 struct Found {
     touched: u32,  // the first event whose power or flight may be another
@@ -49,11 +49,10 @@ fn main(
     @builtin(local_invocation_index) local: u32,
 ) {
     let photon = item_index(group, groups, local);
-    if photon == params.photons { marks[photon] = 0u; }  // the scan leaves the total here
     if photon >= params.photons { return; }
     let found = find(photon);
     tasks[photon] = pack_task(Task(found.touched, NOTHING));
-    marks[photon] = u32(found.touched != NOTHING);
+    if found.touched != NOTHING { mark(photon); }
     count(INVALID, u32(found.invalid != NOTHING));
     count(REWEIGHED, u32(found.touched < found.invalid));
 }

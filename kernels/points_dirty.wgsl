@@ -1,5 +1,4 @@
-// Marks where light changed: around every point that came or went. `ranks` is the prefix sum
-// of the marks.
+// Marks where light changed: around every listed point.
 
 import package::constants::GROUP;
 import package::shared::dirty::mark_dirty;
@@ -7,7 +6,7 @@ import package::shared::item::item_index;
 import package::shared::points::PointsParams;
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
-@group(0) @binding(9) var<storage, read> ranks: array<u32>;
+@group(0) @binding(9) var<storage, read> work: array<u32>;
 @group(0) @binding(10) var<storage, read> point_places: array<vec4<u32>>;
 
 @compute @workgroup_size(GROUP)
@@ -16,8 +15,8 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let point = item_index(group, groups, local);
-    if point >= params.count || ranks[point] == ranks[point + 1u] { return; }
-    let position = bitcast<vec3<f32>>(point_places[point].xyz);
+    let i = item_index(group, groups, local);
+    if i >= params.count { return; }
+    let position = bitcast<vec3<f32>>(point_places[work[i]].xyz);
     mark_dirty(position, position);
 }

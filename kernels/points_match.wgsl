@@ -13,8 +13,8 @@ import package::shared::points::PointsParams;
 @group(0) @binding(12) var<storage, read> numbers: array<u32>;
 @group(0) @binding(13) var<storage, read> point_places: array<vec4<u32>>;
 @group(0) @binding(14) var<storage, read> point_lights: array<vec4<u32>>;
-@group(0) @binding(15) var<storage, read_write> went: array<u32>;
-@group(0) @binding(16) var<storage, read_write> came: array<u32>;
+@group(0) @binding(15) var<storage, read_write> went: array<atomic<u32>>;
+@group(0) @binding(16) var<storage, read_write> came: array<atomic<u32>>;
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -30,7 +30,7 @@ fn main(
     let same = all(seen_places[point] == point_places[now])
         && all(seen_lights[point] == point_lights[now]);
     if same {
-        went[point] = 0u;
-        came[now] = 0u;
+        atomicAnd(&went[point / 32u], ~(1u << (point % 32u)));
+        atomicAnd(&came[now / 32u], ~(1u << (now % 32u)));
     }
 }

@@ -1,12 +1,12 @@
-// The points that came, or went (sign -1: their light counts negative), of one batch behind
-// those of the batches before. `ranks` is the prefix sum of the marks.
+// The listed points, which came or went (sign -1: their light counts negative), of one batch
+// behind those of the batches before.
 
 import package::constants::GROUP;
 import package::shared::item::item_index;
 import package::shared::points::PointsParams;
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
-@group(0) @binding(9) var<storage, read> ranks: array<u32>;
+@group(0) @binding(9) var<storage, read> work: array<u32>;
 @group(0) @binding(10) var<storage, read> keys: array<u32>;
 @group(0) @binding(11) var<storage, read> point_places: array<vec4<u32>>;
 @group(0) @binding(12) var<storage, read> point_lights: array<vec4<f32>>;
@@ -21,9 +21,10 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let point = item_index(group, groups, local);
-    if point >= params.count || ranks[point] == ranks[point + 1u] { return; }
-    let at = params.first + ranks[point];
+    let i = item_index(group, groups, local);
+    if i >= params.count { return; }
+    let point = work[i];
+    let at = params.first + i;
     let light = point_lights[point];
     taken_keys[at] = keys[point];
     taken_order[at] = at;

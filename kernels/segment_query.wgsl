@@ -5,13 +5,13 @@ import package::constants::{GROUP, DIRTY_SPLIT, SPATIAL_AXES, LIST_READ, LIST_LI
 import package::shared::counter::{CHECKED, UNFINISHED, count, expect, cut_short};
 import package::shared::dirty::{dirty_grid, is_dirty, axes_meet};
 import package::shared::item::item_index;
+import package::shared::marks::mark;
 import package::shared::scene::{frame, cell_masks, cell_index};
 import package::shared::segment::{SegmentParams, span_of, HISTORY};
 import package::shared::walk::{walk_begin, walk_leave, walk_step};
 
 @group(0) @binding(8) var<uniform> params: SegmentParams;
 @group(0) @binding(9) var<storage, read> segment_words: array<u32>;
-@group(0) @binding(10) var<storage, read_write> marks: array<u32>;
 
 // Where all is empty no light is looked up, whatever changed there.
 fn is_vacant(block: vec3<i32>) -> bool {
@@ -20,10 +20,11 @@ fn is_vacant(block: vec3<i32>) -> bool {
 }
 
 fn sees_change(segment: u32) -> bool {
+    if dirty_grid.spatial > SPATIAL_AXES { return false; }
     let span = span_of(params, segment);
     let ray = span.ray;
     let length = span.leave - span.enter;
-    if !(length > 0.0) || dirty_grid.spatial > SPATIAL_AXES { return false; }
+    if !(length > 0.0) { return false; }
     // Samples may lie a little outside their segment, by rounding or by their lattice.
     let slack = frame.step;
     let begin = max(span.enter, span.enter + length * (f32(span.index) / f32(params.segments)) - slack);
@@ -55,13 +56,12 @@ fn main(
     @builtin(local_invocation_index) local: u32,
 ) {
     let segment = item_index(group, groups, local);
-    if segment == params.items { marks[segment] = 0u; }  // the scan leaves the total here
     if segment >= params.items { return; }
     let at = params.stride * segment + HISTORY;
     let history = vec2<u32>(segment_words[at], segment_words[at + 1u]);
     let read = any((history & params.query) != vec2<u32>(0u));
     var touched = read && (params.which & LIST_READ) != 0u;
     if !read && (params.which & LIST_LIT) != 0u { touched = sees_change(segment); }
-    marks[segment] = u32(touched);
+    if touched { mark(segment); }
     count(UNFINISHED, u32(cut_short));
 }

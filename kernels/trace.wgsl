@@ -13,16 +13,17 @@ import package::shared::counter::{
 import package::shared::flight::{Known, nothing_known, fly};
 import package::shared::item::item_index;
 import package::shared::photon::{
-    PhotonParams, Departure, Task, pack_task, unpack_task, is_invalid, identify, depart_from_light,
-    depart_from_slot
+    PhotonParams, Task, pack_task, unpack_task, is_invalid, identify, weigh, turn
 };
+import package::shared::light::emit;
 import package::shared::random::{draw, FOR_FLIGHT};
 import package::shared::scene::{frame, optics};
 import package::shared::slot::{
-    Slot, EMPTY, INTERACTION, EXIT, slot_place, slot_state, slot_of, unpack_direction
+    Slot, EMPTY, INTERACTION, EXIT, slot_place, slot_state, slot_of, pack_direction,
+    unpack_direction, pack_power
 };
 import package::shared::walk::FAR;
-import package::constants::{GROUP, CHANGE_FALLEN};
+import package::constants::{GROUP, CHANGE_FALLEN, CHANGE_PHASE};
 
 @group(0) @binding(8) var<uniform> params: PhotonParams;
 @group(0) @binding(9) var<storage, read> work: array<u32>;
@@ -71,47 +72,54 @@ fn main(
     loop {
         over = event >= params.stop_event || (event > 0u && slot.kind != INTERACTION);
         if over { break; }
-        var photon_state: Departure;
+        var origin = slot.position;
+        var heading = 0u;
+        var power: vec2<u32>;
+        var turned = false;
         if event == 0u {
-            photon_state = depart_from_light(id);
+            let e = emit(id.light, id.index);
+            origin = e.position;
+            heading = pack_direction(e.direction);
+            power = pack_power(e.power);
         } else {
-            photon_state = depart_from_slot(id, event - 1u, slot, params);
+            power = weigh(id, event - 1u, slot, params);
+            turned = (optics[slot.entry].changes & CHANGE_PHASE) != 0u;
         }
-        over = all(photon_state.power == vec2<u32>(0u));
+        over = all(power == vec2<u32>(0u));
         if over { break; }
         let at = event * params.photons + photon;
         let before = slot_of(places[at], states[at]);
         // What ended before and goes on now was never flown.
-        let begun = event < astray && before.kind != EMPTY && before.direction == photon_state.direction;
+        let begun = event < astray && before.kind != EMPTY && !turned;
         if begun && !is_invalid(states[at], params.risen) {
             slot = before;
-            slot.power = photon_state.power;
+            slot.power = power;
         } else {
+            if event > 0u { heading = turn(id, event - 1u, slot); }
             let key = draw(id.stream, id.index, event, FOR_FLIGHT).xy;
-            let origin = photon_state.position;
-            let direction = unpack_direction(photon_state.direction);
+            let direction = unpack_direction(heading);
             var known = nothing_known();
             if begun { known = known_of(before, origin, direction, params); }
             let flight = fly(origin, direction, key, known);
             tentative += flight.tentative;
             if flight.stands {
                 slot = before;
-                slot.power = photon_state.power;
+                slot.power = power;
                 slot.history = flight.history;
             } else {
                 slot = Slot(
                     select(EXIT, INTERACTION, flight.collided),
                     origin + direction * flight.distance,
-                    photon_state.direction,
-                    photon_state.power,
+                    heading,
+                    power,
                     flight.entry,
                     flight.history
                 );
                 let same = slot.kind == before.kind && all(slot_place(slot) == places[at]);
                 if !same { astray = min(astray, event + 1u); }
+                places[at] = slot_place(slot);
             }
         }
-        places[at] = slot_place(slot);
         states[at] = slot_state(slot);
         interactions += u32(slot.kind == INTERACTION);
         event++;
@@ -120,10 +128,11 @@ fn main(
     expect(over);
     for (; event < params.stop_event; event++) {
         let at = event * params.photons + photon;
+        if all(states[at] == vec4<u32>(0u)) { break; }
         places[at] = vec4<u32>(0u);
         states[at] = vec4<u32>(0u);
     }
-    tasks[photon] = pack_task(Task(task.touched, astray));
+    if astray < task.astray { tasks[photon] = pack_task(Task(task.touched, astray)); }
     count(TENTATIVE, tentative);
     count(INTERACTIONS, interactions);
     count(UNFINISHED, u32(cut_short));

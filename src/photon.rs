@@ -411,7 +411,8 @@ impl PhotonMap {
         let mut bindings = [scene.bindings(), batch.bindings()].concat();
         bindings.push(("counters", counters.buffer().into()));
         let mut stage = gpu.stage("photon_query");
-        stage.dispatch(&self.query, u64::from(batch.photons) + 1, &bindings, &params)?;
+        batch.list.unmark(&mut stage);
+        stage.dispatch(&self.query, batch.photons.into(), &bindings, &params)?;
         stage.finish()?;
         batch.list.compact(gpu, split.shuffle)
     }

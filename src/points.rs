@@ -1,10 +1,11 @@
 //! The `points` light field: photons sorted by the cell of a grid whose edge is the
 //! gather radius, H(8).
 //!
-//! Only live slots enter: marked, ranked by a prefix sum, sorted by cell key with a
-//! stable radix sort, then copied out in that order with what a gather needs. A table
-//! of buckets, each of 2^shift consecutive keys, says where to begin; it needs no
-//! probing, and its size is bounded however small the radius.
+//! Only live slots enter: listed, sorted by cell key with a stable radix sort, then copied
+//! out in that order with what a gather needs. Points that are where they were keep their
+//! order; only others are sorted, and merged with them. A table of buckets, each of 2^shift
+//! consecutive keys, says where to begin; it needs no probing, and its size is bounded
+//! however small the radius.
 //!
 //! After an edit the points are compared with those that the segments have seen. What
 //! went and what came are sorted lists of their own, so that segments take the ones out
@@ -19,14 +20,13 @@ use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
 use crate::gpu::run::{Bindings, Resource, Stage};
-use crate::gpu::scan::Scanner;
 use crate::gpu::sort::Sorter;
 use crate::photon::{Batch, PhotonMap};
 use crate::query::{CHANGE_ALBEDO, CHANGE_FALLEN, CHANGE_PHASE, CHANGE_RISEN};
 use crate::render::Progress;
 use crate::scene::{Settings, Weighting};
 use crate::segment::Run;
-use crate::work::fill;
+use crate::work::WorkList;
 
 /// Buckets of one batch's table, at most: 16 MiB.
 const MAX_BUCKETS: u64 = 1 << 22;
@@ -48,7 +48,7 @@ shared_struct! {
         pub buckets: u32,
         /// 1 / (4/3 pi r³).
         pub kernel: f32,
-        /// Place of the first point that is taken.
+        /// Place of the first point that is taken, or of the first new one.
         pub first: u32,
         /// -1 where what is taken has gone.
         pub sign: f32,
@@ -56,6 +56,23 @@ shared_struct! {
         pub step: u32,
         /// Keeps the size a multiple of 16.
         pub pad0: u32,
+    }
+}
+
+/// Slots in the order of their cells' keys, equal ones in their own.
+struct Order {
+    count: u32,
+    keys: wgpu::Buffer,
+    slots: wgpu::Buffer,
+}
+
+impl Order {
+    fn new(gpu: &Gpu, count: u32) -> Result<Self> {
+        Ok(Self {
+            count,
+            keys: gpu.buffer::<u32>("points keys", count as usize)?,
+            slots: gpu.buffer::<u32>("points slots", count as usize)?,
+        })
     }
 }
 
@@ -70,10 +87,10 @@ struct Sorted {
 }
 
 impl Sorted {
-    fn new(gpu: &Gpu, count: u32, params: &PointsParams) -> Result<Self> {
+    fn new(gpu: &Gpu, keys: wgpu::Buffer, count: u32, params: &PointsParams) -> Result<Self> {
         Ok(Self {
             count,
-            keys: gpu.buffer::<u32>("points keys", count as usize)?,
+            keys,
             places: gpu.buffer::<[u32; 4]>("point places", count as usize)?,
             lights: gpu.buffer::<[f32; 4]>("point lights", count as usize)?,
             starts: gpu.buffer::<u32>("points starts", params.buckets as usize + 1)?,
@@ -127,17 +144,14 @@ enum Changes {
 struct Marked<'a> {
     batch: &'a SortedBatch,
     sign: f32,
-    /// A word for each point and one more: 1, or after a scan its rank.
-    marks: wgpu::Buffer,
-    /// Where the first goes.
-    first: u32,
+    list: WorkList,
 }
 
 impl<'a> Marked<'a> {
     fn all(gpu: &Gpu, batch: &'a SortedBatch, sign: f32) -> Result<Self> {
-        let marks = gpu.buffer::<u32>("points marks", batch.points.count as usize + 1)?;
-        fill(gpu, "points_match", &marks, &[1])?;
-        Ok(Self { batch, sign, marks, first: 0 })
+        let list = WorkList::new(gpu, batch.points.count)?;
+        list.mark_all(gpu)?;
+        Ok(Self { batch, sign, list })
     }
 }
 
@@ -157,7 +171,9 @@ pub struct Points {
     /// No points, for a scene without lights.
     none: Sorted,
     mark: Arc<Kernel>,
-    compact: Arc<Kernel>,
+    keep: Arc<Kernel>,
+    key: Arc<Kernel>,
+    merge: Arc<Kernel>,
     record: Arc<Kernel>,
     starts: Arc<Kernel>,
     number: Arc<Kernel>,
@@ -195,17 +211,20 @@ impl Points {
             kernel: (0.75 / (std::f64::consts::PI * radius.powi(3))) as f32,
             ..Default::default()
         };
+        let none = PointsParams { shift: 31, buckets: 2, ..params };
         Ok(Self {
             even,
             radius: radius as f32,
-            none: Sorted::new(gpu, 0, &PointsParams { shift: 31, buckets: 2, ..params })?,
+            none: Sorted::new(gpu, Order::new(gpu, 0)?.keys, 0, &none)?,
             params,
             key_bits: u64::BITS - (cells - 1).leading_zeros(),
             batches: Vec::new(),
             seen: Vec::new(),
             changes: Changes::None,
             mark: gpu.kernel("points_mark", &[])?,
-            compact: gpu.kernel("points_compact", &[])?,
+            keep: gpu.kernel("points_keep", &[])?,
+            key: gpu.kernel("points_key", &[])?,
+            merge: gpu.kernel("points_merge", &[])?,
             record: record_kernel(gpu, scene, even)?,
             starts: gpu.kernel("points_starts", &[])?,
             number: gpu.kernel("points_number", &[])?,
@@ -231,7 +250,12 @@ impl Points {
         CHANGE_PHASE | CHANGE_ALBEDO | extinction
     }
 
-    /// Sorts the live slots of the batches that changed, or of `all`.
+    /// Has the next build sort all points anew.
+    pub fn forget(&mut self) {
+        self.batches.clear();
+    }
+
+    /// Sorts the live slots of the batches that changed, and records them or `all` points.
     ///
     /// # Errors
     /// The device failed.
@@ -247,10 +271,10 @@ impl Points {
         self.changes = Changes::None;
         for i in 0..total {
             let batch = &map.batches[i];
-            let own = of_batch(&before, batch).filter(|_| !all && !batch.stale);
+            let own = of_batch(&before, batch);
             let sorted = match own {
-                Some(own) => own.clone(),
-                None => Arc::new(self.sorted(gpu, scene, map, batch)?),
+                Some(own) if !all && !batch.stale => own.clone(),
+                _ => Arc::new(self.sorted(gpu, scene, (map, batch), own.map(Arc::as_ref))?),
             };
             self.batches.push(sorted);
             map.batches[i].stale = false;
@@ -259,49 +283,111 @@ impl Points {
         Ok(())
     }
 
+    /// The live slots of a batch in order. Points of `before` that are where they were keep
+    /// theirs.
     fn sorted(
         &self,
         gpu: &Gpu,
         scene: &DeviceScene,
-        map: &PhotonMap,
-        batch: &Batch,
+        (map, batch): (&PhotonMap, &Batch),
+        before: Option<&SortedBatch>,
     ) -> Result<SortedBatch> {
-        let slots = batch.photons * map.max_events;
-        let ranks = gpu.buffer::<u32>("points ranks", slots as usize + 1)?;
-        let scanner = Scanner::new(gpu, slots + 1)?;
-        let all = PointsParams { count: slots, ..self.params };
-        let slot_bindings =
-            [("places", (&batch.places).into()), ("states", (&batch.states).into())];
-        let mut bindings = [scene.bindings(), slot_bindings.to_vec()].concat();
-        bindings.extend([("marks", (&ranks).into()), ("ranks", (&ranks).into())]);
-
+        let all_slots = batch.photons * map.max_events;
+        let mut new = WorkList::new(gpu, all_slots)?;
+        let bindings = [("states", (&batch.states).into()), ("marks", (&new.marks).into())];
         let mut stage = gpu.stage("points_mark");
-        stage.dispatch(&self.mark, u64::from(slots) + 1, &bindings, &all)?;
-        scanner.record(&mut stage, &ranks, slots + 1)?;
+        new.unmark(&mut stage);
+        stage.dispatch(&self.mark, all_slots.into(), &bindings, &self.params(all_slots))?;
         stage.finish()?;
-        let count = gpu.read_word("points_mark", &ranks, slots.into())?;
+        let kept = before.map(|before| self.kept(gpu, before, batch, &new)).transpose()?;
+        new.compact(gpu, None)?;
 
-        let sorted = SortedBatch {
-            key: (batch.light_id, batch.first_index),
-            photons: batch.photons,
-            all_slots: slots,
-            points: Sorted::new(gpu, count, &self.params)?,
-            slots: gpu.buffer::<u32>("points slots", count as usize)?,
-        };
-        bindings.extend(sorted.points.bindings());
+        let mut order = self.by_key(gpu, batch, &new)?;
+        if let (Some(before), Some(kept)) = (before, &kept) {
+            order = self.merged(gpu, (before, kept), &order)?;
+        }
+        let Order { count, keys, slots } = order;
+        let points = Sorted::new(gpu, keys, count, &self.params)?;
+        let key = (batch.light_id, batch.first_index);
+        let sorted = SortedBatch { key, photons: batch.photons, all_slots, points, slots };
+        let mut bindings = [scene.bindings(), batch.bindings(), sorted.points.bindings()].concat();
         bindings.push(("slots", (&sorted.slots).into()));
-        let mut stage = gpu.stage("points_compact");
-        stage.dispatch(&self.compact, slots.into(), &bindings, &all)?;
-        stage.finish()?;
-        let (keys, values) = (&sorted.points.keys, &sorted.slots);
-        Sorter::new(gpu, count)?.sort(gpu, keys, values, count, self.key_bits)?;
-
-        let live = PointsParams { count, ..self.params };
         let mut stage = gpu.stage("points_record");
-        stage.dispatch(&self.record, count.into(), &bindings, &live)?;
-        self.find(&mut stage, &bindings, &live)?;
+        stage.dispatch(&self.record, count.into(), &bindings, &self.params(count))?;
+        self.find(&mut stage, &bindings, &self.params(count))?;
         stage.finish()?;
         Ok(sorted)
+    }
+
+    /// The points that are where they were. Their slots are no longer `new`.
+    fn kept(
+        &self,
+        gpu: &Gpu,
+        before: &SortedBatch,
+        batch: &Batch,
+        new: &WorkList,
+    ) -> Result<WorkList> {
+        let count = before.points.count;
+        let mut kept = WorkList::new(gpu, count)?;
+        let bindings = [
+            ("places", (&batch.places).into()),
+            ("states", (&batch.states).into()),
+            ("slots", (&before.slots).into()),
+            ("point_places", (&before.points.places).into()),
+            ("marks", (&kept.marks).into()),
+            ("new_slots", (&new.marks).into()),
+        ];
+        let mut stage = gpu.stage("points_keep");
+        kept.unmark(&mut stage);
+        stage.dispatch(&self.keep, count.into(), &bindings, &self.params(count))?;
+        stage.finish()?;
+        kept.compact(gpu, None)?;
+        Ok(kept)
+    }
+
+    /// The listed slots, sorted.
+    fn by_key(&self, gpu: &Gpu, batch: &Batch, list: &WorkList) -> Result<Order> {
+        let order = Order::new(gpu, list.count)?;
+        let bindings = [
+            ("places", (&batch.places).into()),
+            ("work", (&list.items).into()),
+            ("keys", (&order.keys).into()),
+            ("slots", (&order.slots).into()),
+        ];
+        let mut stage = gpu.stage("points_key");
+        stage.dispatch(&self.key, list.count.into(), &bindings, &self.params(list.count))?;
+        stage.finish()?;
+        let sorter = Sorter::new(gpu, list.count)?;
+        sorter.sort(gpu, &order.keys, &order.slots, list.count, self.key_bits)?;
+        Ok(order)
+    }
+
+    /// Points that are kept and new ones.
+    fn merged(
+        &self,
+        gpu: &Gpu,
+        (before, kept): (&SortedBatch, &WorkList),
+        new: &Order,
+    ) -> Result<Order> {
+        let all = Order::new(gpu, kept.count + new.count)?;
+        let bindings = [
+            ("kept", (&kept.items).into()),
+            ("seen_keys", (&before.points.keys).into()),
+            ("seen_slots", (&before.slots).into()),
+            ("new_keys", (&new.keys).into()),
+            ("new_slots", (&new.slots).into()),
+            ("keys", (&all.keys).into()),
+            ("slots", (&all.slots).into()),
+        ];
+        let params = PointsParams { first: kept.count, ..self.params(all.count) };
+        let mut stage = gpu.stage("points_merge");
+        stage.dispatch(&self.merge, all.count.into(), &bindings, &params)?;
+        stage.finish()?;
+        Ok(all)
+    }
+
+    fn params(&self, count: u32) -> PointsParams {
+        PointsParams { count, ..self.params }
     }
 
     /// Records where each bucket begins.
@@ -358,34 +444,31 @@ impl Points {
             ("seen_slots", (&seen.slots).into()),
             ("seen_places", (&seen.points.places).into()),
             ("seen_lights", (&seen.points.lights).into()),
-            ("went", (&went.marks).into()),
-            ("came", (&came.marks).into()),
+            ("went", (&went.list.marks).into()),
+            ("came", (&came.list.marks).into()),
         ]);
-        let params = |count| PointsParams { count, ..self.params };
         let [seen, now] = [seen, now].map(|batch| batch.points.count);
         let mut stage = gpu.stage("points_match");
-        stage.dispatch(&self.number, now.into(), &bindings, &params(now))?;
-        stage.dispatch(&self.compare, seen.into(), &bindings, &params(seen))?;
+        stage.dispatch(&self.number, now.into(), &bindings, &self.params(now))?;
+        stage.dispatch(&self.compare, seen.into(), &bindings, &self.params(seen))?;
         stage.finish()?;
         Ok([went, came])
     }
 
-    /// Counts the marked points and marks the light around them. Lists them, unless to gather
+    /// Lists the marked points and marks the light around them. Takes them, unless to gather
     /// all points anew is cheaper: those that changed lie close together as a rule, so they
     /// are denser around what they touch than their share tells.
     fn found(&self, gpu: &Gpu, dirty: &Dirty, marked: &mut [Marked]) -> Result<Changes> {
         let mut total = 0;
         for m in &mut *marked {
-            let count = m.batch.points.count;
+            m.list.compact(gpu, None)?;
+            let count = m.list.count;
             let mut bindings = [m.batch.points.bindings(), dirty.bindings()].concat();
-            bindings.push(("ranks", (&m.marks).into()));
+            bindings.push(("work", (&m.list.items).into()));
             let mut stage = gpu.stage("points_dirty");
-            Scanner::new(gpu, count + 1)?.record(&mut stage, &m.marks, count + 1)?;
-            let params = PointsParams { count, ..self.params };
-            stage.dispatch(&self.dirty, count.into(), &bindings, &params)?;
+            stage.dispatch(&self.dirty, count.into(), &bindings, &self.params(count))?;
             stage.finish()?;
-            m.first = total as u32;
-            total += u64::from(gpu.read_word("points_dirty", &m.marks, count.into())?);
+            total += u64::from(count);
         }
         let all: u64 = self.batches.iter().map(|b| u64::from(b.points.count)).sum();
         let fits = total * size_of::<[u32; 4]>() as u64 <= gpu.max_binding();
@@ -398,8 +481,8 @@ impl Points {
 
     /// All marked points, sorted together.
     fn taken(&self, gpu: &Gpu, marked: &[Marked], total: u32) -> Result<Sorted> {
-        let sorted = Sorted::new(gpu, total, &self.params)?;
-        let order = gpu.buffer::<u32>("points order", total as usize)?;
+        let Order { keys, slots: order, .. } = Order::new(gpu, total)?;
+        let sorted = Sorted::new(gpu, keys, total, &self.params)?;
         let places = gpu.buffer::<[u32; 4]>("point places", total as usize)?;
         let lights = gpu.buffer::<[f32; 4]>("point lights", total as usize)?;
         let taken = [
@@ -408,19 +491,21 @@ impl Points {
             ("taken_places", (&places).into()),
             ("taken_lights", (&lights).into()),
         ];
+        let mut first = 0;
         for m in marked {
             let mut bindings = m.batch.points.bindings();
             bindings.extend(taken);
-            bindings.push(("ranks", (&m.marks).into()));
-            let count = m.batch.points.count;
-            let params = PointsParams { count, first: m.first, sign: m.sign, ..self.params };
+            bindings.push(("work", (&m.list.items).into()));
+            let count = m.list.count;
+            let params = PointsParams { count, first, sign: m.sign, ..self.params };
+            first += count;
             let mut stage = gpu.stage("points_take");
             stage.dispatch(&self.take, count.into(), &bindings, &params)?;
             stage.finish()?;
         }
         Sorter::new(gpu, total)?.sort(gpu, &sorted.keys, &order, total, self.key_bits)?;
         let bindings = [sorted.bindings(), taken.to_vec()].concat();
-        let live = PointsParams { count: total, ..self.params };
+        let live = self.params(total);
         let mut stage = gpu.stage("points_arrange");
         stage.dispatch(&self.arrange, total.into(), &bindings, &live)?;
         self.find(&mut stage, &bindings, &live)?;

@@ -340,8 +340,10 @@ impl SegmentMap {
                     recomputed += self.gather(stage, (i, ray), &mut parts)?;
                 } else if let Some(runs) = stage.field.changes() {
                     // Where nothing was read but light, light alone is corrected.
-                    self.list(stage, i, (query, LIST_LIT), split)?;
-                    recomputed += self.correct(stage, (i, ray), &runs, &mut parts)?;
+                    if !runs.is_empty() {
+                        self.list(stage, i, (query, LIST_LIT), split)?;
+                        recomputed += self.correct(stage, (i, ray), &runs, &mut parts)?;
+                    }
                     self.list(stage, i, (query, LIST_READ), split)?;
                     recomputed += self.gather(stage, (i, ray), &mut parts)?;
                 } else {
@@ -389,7 +391,8 @@ impl SegmentMap {
             ("counters", stage.counters.buffer().into()),
         ]);
         let mut dispatch = stage.gpu.stage("segment_query");
-        dispatch.dispatch(&self.query, u64::from(items) + 1, &bindings, &params)?;
+        band.list.unmark(&mut dispatch);
+        dispatch.dispatch(&self.query, items.into(), &bindings, &params)?;
         dispatch.finish()?;
         stage.counters.read(stage.gpu)?.all_finished("segment_query", "raise `segments`")?;
         band.list.compact(stage.gpu, split.shuffle)

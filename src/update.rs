@@ -350,7 +350,7 @@ impl PhotonFrame {
             }
             let begun = gpu.measured_ms();
             done.listed = self.list_photons(gpu, split)?;
-            if !self.photons(gpu, done.listed, progress)? || progress.stops("light field") {
+            if !self.photons(gpu, progress)? || progress.stops("light field") {
                 return Ok(done);
             }
             let traced = gpu.measured_ms();
@@ -390,13 +390,13 @@ impl PhotonFrame {
         Ok(self.map.batches.iter().map(|batch| u64::from(batch.list.count)).sum())
     }
 
-    /// Traces and weighs the listed photons. Their flights leave the fluence and come back
-    /// to it part by part, or, where there are many, all is summed anew in the end.
-    fn photons(&mut self, gpu: &Gpu, listed: u64, progress: &mut Progress) -> Result<bool> {
-        let many = 2 * listed > u64::from(self.scene.lights.photons);
+    /// Traces and weighs the listed photons. Flights that changed leave the fluence and come
+    /// back to it part by part, or, where they are many, all is summed anew in the end.
+    fn photons(&mut self, gpu: &Gpu, progress: &mut Progress) -> Result<bool> {
         if let LightField::Fluence(fluence) = &mut self.field {
-            fluence.current &= !(self.fresh || many);
+            fluence.current &= !self.fresh;
         }
+        let changed_before = self.counts(gpu)?.changed;
         for i in 0..self.map.batches.len() {
             let count = self.map.batches[i].list.count;
             self.map.batches[i].stale |= count > 0;
@@ -414,6 +414,12 @@ impl PhotonFrame {
                 let listed = (batch, part.clone(), true);
                 self.map.trace(gpu, &self.scene, &self.counters, listed, progress)?;
                 self.map.compare(gpu, batch, &part, &self.counters)?;
+                if let LightField::Fluence(fluence) = &mut self.field
+                    && fluence.current
+                {
+                    let changed = self.counters.read(gpu)?.changed - changed_before;
+                    fluence.current = 2 * changed <= u64::from(self.scene.lights.photons);
+                }
                 if let LightField::Fluence(fluence) = &self.field
                     && fluence.current
                 {
@@ -436,8 +442,10 @@ impl PhotonFrame {
         match &mut self.field {
             LightField::Points(points) => {
                 let reached = self.query.changes.iter().any(|c| c & points.columns() != 0);
-                let map = (&mut self.map, self.fresh || reached);
-                points.build(gpu, &self.scene, map, progress)?;
+                if self.fresh {
+                    points.forget();
+                }
+                points.build(gpu, &self.scene, (&mut self.map, reached), progress)?;
                 let lit = !self.fresh && self.source.settings.spatial != Spatial::Off;
                 if lit { points.compare(gpu, &self.dirty) } else { Ok(()) }
             }

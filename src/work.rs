@@ -6,6 +6,7 @@ use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
+use crate::gpu::run::Stage;
 use crate::gpu::scan::Scanner;
 use crate::light::hash;
 
@@ -39,13 +40,14 @@ shared_struct! {
 pub struct WorkList {
     /// The listed items: the first `count` words.
     pub items: wgpu::Buffer,
-    /// A word for each item and one more; 1 where the item is to be listed. Compaction
-    /// turns them into ranks.
+    /// A bit for each item: whether it is to be listed.
     pub marks: wgpu::Buffer,
     /// How many are listed.
     pub count: u32,
     capacity: u32,
+    ranks: wgpu::Buffer,
     scanner: Scanner,
+    rank: Arc<Kernel>,
     list: Arc<Kernel>,
 }
 
@@ -55,12 +57,15 @@ impl WorkList {
     /// # Errors
     /// The device refuses the memory.
     pub fn new(gpu: &Gpu, capacity: u32) -> Result<Self> {
+        let words = capacity.div_ceil(32);
         Ok(Self {
             items: gpu.buffer::<u32>("work list", capacity as usize)?,
-            marks: gpu.buffer::<u32>("work list marks", capacity as usize + 1)?,
+            marks: gpu.buffer::<u32>("work list marks", words as usize)?,
             count: 0,
             capacity,
-            scanner: Scanner::new(gpu, capacity + 1)?,
+            ranks: gpu.buffer::<u32>("work list ranks", words as usize + 1)?,
+            scanner: Scanner::new(gpu, words + 1)?,
+            rank: gpu.kernel("list_rank", &[])?,
             list: gpu.kernel("list", &[])?,
         })
     }
@@ -71,18 +76,37 @@ impl WorkList {
         gpu.write(&self.items, &shuffled((0..self.capacity).collect(), shuffle));
     }
 
-    /// Lists the marked items.
+    /// Marks no item.
+    pub fn unmark(&self, stage: &mut Stage) {
+        stage.clear(&self.marks);
+    }
+
+    /// Marks every item.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn mark_all(&self, gpu: &Gpu) -> Result<()> {
+        fill(gpu, "list", &self.marks, &[u32::MAX])
+    }
+
+    /// Lists the marked items, in their order.
     ///
     /// # Errors
     /// The device failed.
     pub fn compact(&mut self, gpu: &Gpu, shuffle: Option<u64>) -> Result<()> {
-        let mut stage = gpu.stage("list");
-        self.scanner.record(&mut stage, &self.marks, self.capacity + 1)?;
-        let bindings = [("ranks", (&self.marks).into()), ("work", (&self.items).into())];
+        let words = self.capacity.div_ceil(32);
+        let bindings = [
+            ("marks", (&self.marks).into()),
+            ("ranks", (&self.ranks).into()),
+            ("work", (&self.items).into()),
+        ];
         let params = ListParams { count: self.capacity };
-        stage.dispatch(&self.list, self.capacity.into(), &bindings, &params)?;
+        let mut stage = gpu.stage("list");
+        stage.dispatch(&self.rank, u64::from(words) + 1, &bindings, &params)?;
+        self.scanner.record(&mut stage, &self.ranks, words + 1)?;
+        stage.dispatch(&self.list, words.into(), &bindings, &params)?;
         stage.finish()?;
-        self.count = gpu.read_word("list", &self.marks, self.capacity.into())?;
+        self.count = gpu.read_word("list", &self.ranks, words.into())?;
         if shuffle.is_some() {
             let mut items = gpu.read::<u32>("list", &self.items)?;
             items.truncate(self.count as usize);
@@ -91,9 +115,9 @@ impl WorkList {
         Ok(())
     }
 
-    /// Bytes of items and marks.
+    /// Bytes of items, marks and ranks.
     pub fn bytes(&self) -> u64 {
-        self.items.size() + self.marks.size()
+        self.items.size() + self.marks.size() + self.ranks.size()
     }
 }
 

@@ -1,6 +1,6 @@
 // What a photon does between two slots: it leaves its light, or the interaction before.
 
-import package::shared::light::{lights, emit};
+import package::shared::light::lights;
 import package::shared::phase::{uniform_direction, sample_phase};
 import package::shared::random::{draw, unit, unit4, FOR_SCATTER};
 import package::shared::scene::{optics, scattering};
@@ -60,13 +60,6 @@ fn is_invalid(state: vec4<u32>, risen: vec2<u32>) -> bool {
         || (slot_kind(state) == INTERACTION && fallen != 0u);
 }
 
-// A photon on its way: packed, as the next slot will store it.
-struct Departure {
-    position: vec3<f32>,
-    direction: u32,
-    power: vec2<u32>,      // zero: the photon has ended
-}
-
 // A photon's own random stream and index, known by its light, whatever the batch.
 struct Identity {
     light: u32,
@@ -78,23 +71,22 @@ fn identify(params: PhotonParams, photon: u32) -> Identity {
     return Identity(params.light, lights.all[params.light].stream, params.first_index + photon);
 }
 
-fn depart_from_light(id: Identity) -> Departure {
-    let e = emit(id.light, id.index);
-    return Departure(e.position, pack_direction(e.direction), pack_power(e.power));
-}
-
 // Implicit capture: the weight takes the albedo; past a given event a roulette with a
-// fixed probability may end the photon. Neither moves it.
-fn depart_from_slot(id: Identity, event: u32, slot: Slot, params: PhotonParams) -> Departure {
-    let words = draw(id.stream, id.index, event, FOR_SCATTER);
-    let material = scattering[slot.entry];
-    var power = unpack_power(slot.power) * material.rgb;
+// fixed probability may end the photon, with no power left. Neither moves it.
+fn weigh(id: Identity, event: u32, slot: Slot, params: PhotonParams) -> vec2<u32> {
+    var power = unpack_power(slot.power) * scattering[slot.entry].rgb;
     if event >= params.roulette_from {
-        let survives = unit(words.z) < params.roulette_survival;
+        let survives = unit(draw(id.stream, id.index, event, FOR_SCATTER).z) < params.roulette_survival;
         power = select(vec3<f32>(0.0), power / params.roulette_survival, survives);
     }
-    let u = unit4(words).xy;
-    @if(anisotropic) let direction = sample_phase(material.a, unpack_direction(slot.direction), u);
+    return pack_power(power);
+}
+
+// Where an interaction sends the photon, packed.
+fn turn(id: Identity, event: u32, slot: Slot) -> u32 {
+    let u = unit4(draw(id.stream, id.index, event, FOR_SCATTER)).xy;
+    let g = scattering[slot.entry].a;
+    @if(anisotropic) let direction = sample_phase(g, unpack_direction(slot.direction), u);
     @if(!anisotropic) let direction = uniform_direction(u);
-    return Departure(slot.position, pack_direction(direction), pack_power(power));
+    return pack_direction(direction);
 }

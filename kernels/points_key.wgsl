@@ -1,5 +1,4 @@
-// Live slots side by side, each with the key of its cell. `places_of` is the prefix sum
-// of the marks.
+// Listed slots, each with the key of its cell.
 
 import package::shared::item::item_index;
 import package::shared::points::{PointsParams, points_cell, points_key};
@@ -7,7 +6,7 @@ import package::constants::GROUP;
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
 @group(0) @binding(9) var<storage, read> places: array<vec4<u32>>;
-@group(0) @binding(10) var<storage, read> ranks: array<u32>;
+@group(0) @binding(10) var<storage, read> work: array<u32>;
 @group(0) @binding(11) var<storage, read_write> keys: array<u32>;
 @group(0) @binding(12) var<storage, read_write> slots: array<u32>;
 
@@ -17,9 +16,10 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let slot = item_index(group, groups, local);
-    if slot >= params.count || ranks[slot] == ranks[slot + 1u] { return; }
+    let i = item_index(group, groups, local);
+    if i >= params.count { return; }
+    let slot = work[i];
     let position = bitcast<vec3<f32>>(places[slot].xyz);
-    keys[ranks[slot]] = points_key(points_cell(position, params), params);
-    slots[ranks[slot]] = slot;
+    keys[i] = points_key(points_cell(position, params), params);
+    slots[i] = slot;
 }
