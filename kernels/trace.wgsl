@@ -32,8 +32,8 @@ import package::constants::{GROUP, CHANGE_FALLEN, CHANGE_PHASE};
 @group(0) @binding(12) var<storage, read_write> states: array<vec4<u32>>;
 
 // What a slot tells of a flight that begins as it did.
-fn known_of(slot: Slot, origin: vec3<f32>, direction: vec3<f32>, params: PhotonParams) -> Known {
-    var known = Known(FAR, FAR, params.rose, params.risen, params.between, slot.history);
+fn known_of(slot: Slot, origin: vec3<f32>, direction: vec3<f32>) -> Known {
+    var known = Known(FAR, FAR, slot.history);
     if slot.kind == INTERACTION {
         // More than rounding can hide.
         let edge = min(frame.cell_mm.x, min(frame.cell_mm.y, frame.cell_mm.z));
@@ -99,7 +99,7 @@ fn main(
             let key = draw(id.stream, id.index, event, FOR_FLIGHT).xy;
             let direction = unpack_direction(heading);
             var known = nothing_known();
-            if begun { known = known_of(before, origin, direction, params); }
+            if begun { known = known_of(before, origin, direction); }
             let flight = fly(origin, direction, key, known);
             tentative += flight.tentative;
             if flight.stands {

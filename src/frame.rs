@@ -89,7 +89,7 @@ pub struct DeviceScene {
     scattering: wgpu::Buffer,
     emission: wgpu::Buffer,
     cell_masks: wgpu::Buffer,
-    cell_levels: wgpu::Buffer,
+    cell_layers: wgpu::Buffer,
     lights_buffer: wgpu::Buffer,
 }
 
@@ -140,7 +140,7 @@ impl DeviceScene {
             scattering: gpu.upload("scattering", &columns.scattering)?,
             emission: gpu.upload("emission", &columns.emission)?,
             cell_masks: gpu.upload("cell masks", &cells.masks(&bins))?,
-            cell_levels: gpu.upload("cell levels", &columns.levels)?,
+            cell_layers: gpu.upload("cell layers", &columns.layers)?,
             lights_buffer: gpu.upload("lights", &[lights])?,
             volume: volume_view,
             volume_bytes,
@@ -172,7 +172,7 @@ impl DeviceScene {
         gpu.write(&self.optics, &columns.optics);
         gpu.write(&self.scattering, &columns.scattering);
         gpu.write(&self.emission, &columns.emission);
-        gpu.write(&self.cell_levels, &columns.levels);
+        gpu.write(&self.cell_layers, &columns.layers);
         gpu.write(&self.lights_buffer, &[lights]);
         (self.table, self.lights) = (table, lights);
     }
@@ -191,7 +191,7 @@ impl DeviceScene {
             ("scattering", (&self.scattering).into()),
             ("emission", (&self.emission).into()),
             ("cell_masks", (&self.cell_masks).into()),
-            ("cell_levels", (&self.cell_levels).into()),
+            ("cell_layers", (&self.cell_layers).into()),
             ("lights", (&self.lights_buffer).into()),
         ]
     }
@@ -226,7 +226,7 @@ struct Columns {
     optics: Vec<Optics>,
     scattering: Vec<[f32; 4]>,
     emission: Vec<[f32; 4]>,
-    levels: Vec<u32>,
+    layers: Vec<u32>,
 }
 
 impl Columns {
@@ -240,12 +240,13 @@ impl Columns {
             let [r, g, b] = table.albedo(e);
             [r, g, b, table.phase_g[e]]
         };
-        let greatest = cells.majorants(table, 0.0);
+        let first = cells.majorants(table, 0.0).into_iter().map(|g| first_layer(g, frame.majorant));
+        let opened = cells.fold(|e| u32::from(query.opened[e]), |a, b| a | b);
         Self {
             optics: (0..TABLE_ENTRIES).map(optics).collect(),
             scattering: (0..TABLE_ENTRIES).map(scattering).collect(),
             emission: table.emission.iter().map(|&[r, g, b]| [r, g, b, 0.0]).collect(),
-            levels: greatest.iter().map(|&g| first_layer(g, frame.majorant)).collect(),
+            layers: first.zip(opened).map(|(first, opened)| first | opened << 8).collect(),
         }
     }
 }

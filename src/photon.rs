@@ -19,7 +19,6 @@ use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
 use crate::gpu::run::Bindings;
 use crate::light::Lights;
-use crate::query::{CHANGE_RISEN, Query};
 use crate::render::{Progress, Split};
 use crate::scene::Settings;
 use crate::work::{WorkList, fill};
@@ -73,10 +72,6 @@ shared_struct! {
         pub first_event: u32,
         /// The event before which it stops.
         pub stop_event: u32,
-        /// Least extinction that one rose from, and the highest that one rose to, 1/mm.
-        pub between: [f32; 2],
-        /// Bins of the values whose extinction rose, whatever the mark.
-        pub rose: [u32; 2],
         /// 1 where the light's power changed.
         pub relit: u32,
         /// Keeps the size a multiple of 16.
@@ -85,6 +80,34 @@ shared_struct! {
         pub pad1: u32,
         /// The same.
         pub pad2: u32,
+    }
+}
+
+/// Half of a slot as the device holds it (`kernels/shared/slot.wgsl`): power, entry, kind
+/// and the history of the flight that ends there.
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(transparent)]
+pub struct State([u32; 4]);
+
+impl State {
+    /// Whether no flight ends here.
+    pub fn is_empty(self) -> bool {
+        self.0[1] >> 30 == 0
+    }
+
+    /// Whether the flight ends in an interaction.
+    pub fn interacts(self) -> bool {
+        self.0[1] >> 30 == 1
+    }
+
+    /// The table entry that decided the interaction.
+    pub fn entry(self) -> usize {
+        (self.0[1] >> 18 & 0xfff) as usize
+    }
+
+    /// The flight's historygram.
+    pub fn history(self) -> u64 {
+        u64::from(self.0[2]) | u64::from(self.0[3]) << 32
     }
 }
 
@@ -397,12 +420,10 @@ impl PhotonMap {
         gpu: &Gpu,
         scene: &DeviceScene,
         counters: &CounterBuffer,
-        (batch, query): (usize, &Query),
+        (batch, risen): (usize, u64),
         split: &Split,
     ) -> Result<()> {
-        self.params.risen = words(query.risen);
-        self.params.between = query.between;
-        self.params.rose = words(query.mask(CHANGE_RISEN, &scene.bins));
+        self.params.risen = words(risen);
         let params = PhotonParams {
             relit: self.batches[batch].relit.into(),
             ..self.params(&self.batches[batch])

@@ -16,19 +16,19 @@ pub const CHANGE_ALBEDO: u32 = 8;
 pub const CHANGE_EMISSION: u32 = 16;
 
 /// The difference of two transfer functions; several edits may be added up.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Query {
     /// The `CHANGE_` bits of each table entry.
     pub changes: Vec<u32>,
-    /// Bits of photon histories where a flight may be stopped that was not.
+    /// The layers of marks, a bit each, in which an entry may stop a flight that it did not.
+    pub opened: Vec<u8>,
+    /// Bits of photon histories that stand for them.
     pub risen: u64,
-    /// Least extinction that one rose from, and the highest that one rose to, 1/mm.
-    pub between: [f32; 2],
 }
 
 impl Default for Query {
     fn default() -> Self {
-        Self { changes: vec![0; TABLE_ENTRIES], risen: 0, between: [f32::MAX, 0.0] }
+        Self { changes: vec![0; TABLE_ENTRIES], opened: vec![0; TABLE_ENTRIES], risen: 0 }
     }
 }
 
@@ -50,10 +50,10 @@ impl Query {
             ];
             *change = differs.iter().filter(|(differs, _)| *differs).map(|(_, bit)| bit).sum();
             if after > before {
-                let [least, most] = query.between;
-                query.between = [least.min(before), most.max(after)];
-                query.risen |= octaves(before, after, majorant)
-                    .fold(0, |mask, layer| mask | bins.tentative_bit(e, layer));
+                for layer in octaves(before, after, majorant) {
+                    query.opened[e] |= 1 << layer;
+                    query.risen |= bins.tentative_bit(e, layer);
+                }
             }
         }
         query
@@ -64,9 +64,10 @@ impl Query {
         for (change, more) in self.changes.iter_mut().zip(&other.changes) {
             *change |= more;
         }
+        for (layers, more) in self.opened.iter_mut().zip(&other.opened) {
+            *layers |= more;
+        }
         self.risen |= other.risen;
-        let ([a, b], [c, d]) = (self.between, other.between);
-        self.between = [a.min(c), b.max(d)];
     }
 
     /// Whether nothing changes.
@@ -125,8 +126,14 @@ mod tests {
         assert_eq!(at(CHANGE_ALBEDO), [300]);
         assert_eq!(at(CHANGE_EMISSION), [4095]);
         assert_eq!(q.risen, 1 << 1);
+        assert_eq!([63, 64, 127, 128].map(|e| q.opened[e]), [0, 0b11, 0b11, 0]);
         assert_eq!(q.mask(CHANGE_RISEN | CHANGE_FALLEN, &bins), 0b110);
         assert_eq!(q.mask(u32::MAX, &bins), 0b11110 | 1 << 63);
+        let mut both = Query::between(&new, &table(|_| ()), &bins, 1.0);
+        assert_eq!((both.risen, &both.opened), (0, &Query::default().opened));
+        both.add(&q);
+        assert_eq!((both.risen, &both.opened), (q.risen, &q.opened));
+        assert_eq!(both.changes[64], CHANGE_RISEN | CHANGE_FALLEN);
         assert!(!q.is_empty() && Query::between(&new, &new, &bins, 1.0).is_empty());
     }
 

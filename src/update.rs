@@ -383,7 +383,7 @@ impl PhotonFrame {
             } else if blind && !self.map.batches[i].relit && !self.map.batches[i].stale {
                 self.map.batches[i].list.count = 0;
             } else {
-                let what = (i, &self.query);
+                let what = (i, self.query.risen);
                 self.map.list(gpu, &self.scene, &self.counters, what, split)?;
             }
         }

@@ -1,4 +1,4 @@
-//! The GPU's prefix sum and radix sort against plain host code, for many sizes.
+//! The GPU's prefix sum, radix sort and work list against plain host code, for many sizes.
 
 mod common;
 
@@ -6,6 +6,7 @@ use common::gpu;
 use photogram::gpu::scan::Scanner;
 use photogram::gpu::sort::Sorter;
 use photogram::light::hash;
+use photogram::work::WorkList;
 
 /// About the edges of work groups and blocks, and over the square of a block.
 const SIZES: [usize; 14] =
@@ -160,4 +161,32 @@ fn two_swapped_equals_are_seen() {
     let mut pairs = sorted(&sorter(1025), &keys, &places(1025), 4);
     pairs.swap(1023, 1024);
     assert!(pairs != oracle(&keys, &places(1025), 4));
+}
+
+/// What a list of `size` items makes of words of marks.
+fn listed(words: &[u32], size: usize) -> Vec<u32> {
+    let mut list = WorkList::new(gpu(), size as u32).expect("it fits");
+    gpu().write(&list.marks, words);
+    list.compact(gpu(), None).expect("it runs");
+    let mut items: Vec<u32> = gpu().read("words", &list.items).expect("it reads");
+    items.truncate(list.count as usize);
+    items
+}
+
+#[test]
+fn a_work_list_has_the_marked_items_in_their_order() {
+    for (seed, size) in SIZES.into_iter().enumerate() {
+        // Sparse, half of them, all of them; and marks beyond the last item.
+        let half = random(seed as u64, size.div_ceil(32));
+        let sparse: Vec<_> = half.iter().map(|w| w & w << 9 & w << 17 & w << 25).collect();
+        for words in [vec![0; half.len()], sparse, half.clone(), vec![u32::MAX; half.len()]] {
+            let marked = |item: &u32| words[*item as usize / 32] >> (item % 32) & 1 == 1;
+            let expected: Vec<_> = (0..size as u32).filter(marked).collect();
+            assert!(listed(&words, size) == expected, "{size} items");
+        }
+        let mut list = WorkList::new(gpu(), size as u32).expect("it fits");
+        list.mark_all(gpu()).expect("it runs");
+        list.compact(gpu(), None).expect("it runs");
+        assert_eq!(list.count as usize, size);
+    }
 }

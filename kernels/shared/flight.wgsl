@@ -9,7 +9,7 @@
 // before k need not be drawn at all, since nothing in them could be real.
 //
 // A flight that was flown before need not be flown whole after an edit: where it passed, only
-// those values and marks can stop it whose extinction rose.
+// those layers can stop it in which the cell has a value that rose above their marks.
 //
 // A photon's history knows values and marks: the low bits of a bin give way to the class
 // of the mark's octave, because a tentative collision of mark m can only turn real where
@@ -18,7 +18,7 @@
 import package::shared::counter::expect;
 import package::shared::random::{pcg4d, unit, exponential};
 import package::shared::scene::{
-    frame, optics, cell_masks, cell_levels, entry_at, bin_bit, cell_index
+    frame, optics, cell_masks, cell_layers, entry_at, bin_bit, cell_index
 };
 import package::constants::LAYERS;
 import package::shared::slot::power_of_two;
@@ -33,20 +33,16 @@ struct Flight {
     tentative: u32,        // tentative collisions made
 }
 
-// What is known of a flight: it passed `passed` mm and, if that still stops it, ended before
-// `ended` mm; only values of `rose` may stop it now that did not, those that with their marks
-// are in `risen`, with mark * majorant in `between`. Nothing is known of a new flight.
+// What is known of a flight before an edit: it passed `passed` mm and, if that still stops it,
+// ended before `ended` mm. Nothing is known of a new flight.
 struct Known {
     passed: f32,
     ended: f32,
-    rose: vec2<u32>,
-    risen: vec2<u32>,
-    between: vec2<f32>,
     history: vec2<u32>,
 }
 
 fn nothing_known() -> Known {
-    return Known(0.0, FAR, vec2<u32>(0u), vec2<u32>(0u), vec2<f32>(0.0), vec2<u32>(0u));
+    return Known(0.0, FAR, vec2<u32>(0u));
 }
 
 fn mark_class(layer: u32) -> u32 {
@@ -57,28 +53,12 @@ fn tentative_bit(bin: u32, layer: u32) -> vec2<u32> {
     return bin_bit((bin & ~(frame.mark_classes - 1u)) | mark_class(layer));
 }
 
-// All values, with the first class.
-fn first_class() -> u32 {
-    return 0xffffffffu / ((1u << frame.mark_classes) - 1u);
-}
-
 // Every value of a mask, with the classes of all layers before `level`.
 fn skipped_bits(mask: vec2<u32>, level: u32) -> vec2<u32> {
     var values = mask;
     for (var by = 1u; by < frame.mark_classes; by <<= 1u) { values |= values >> vec2<u32>(by); }
-    values &= vec2<u32>(first_class());
+    values &= vec2<u32>(0xffffffffu / ((1u << frame.mark_classes) - 1u));
     return values * ((2u << mark_class(level - 1u)) - 1u);
-}
-
-// The layers of a class that has any of the bits.
-fn layers_of(bits: vec2<u32>) -> u32 {
-    let each = LAYERS / frame.mark_classes;
-    var layers = 0u;
-    for (var c = 0u; c < frame.mark_classes; c++) {
-        let any_value = any((bits & vec2<u32>(first_class() << c)) != vec2<u32>(0u));
-        layers |= select(0u, ((1u << each) - 1u) << (c * each), any_value);
-    }
-    return layers;
 }
 
 fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>, known: Known) -> Flight {
@@ -91,26 +71,17 @@ fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>, known: Known) ->
     loop {
         var t_out = min(walk_leave(w), leave);
         let cell = cell_index(w.cell);
+        let here = cell_layers[cell];
         var level = 0u;
-        @if(skip) { level = cell_levels[cell]; }
+        @if(skip) { level = here & 0xffu; }
         var layers = ((1u << LAYERS) - 1u) & ~((1u << level) - 1u);
-        var between = vec2<f32>(0.0, FAR);
         @if(history) {
-            if t_out < known.passed || t_out > known.ended {
-                let open = skipped_bits(cell_masks[cell] & known.rose, LAYERS) & known.risen;
-                if t_out < known.passed {
-                    layers &= layers_of(open);
-                    between = known.between;
-                } else if all(open == vec2<u32>(0u)) {
-                    result.stands = true;
-                    break;
-                }
-            }
-            // What is not drawn relied on every value that the cell can have; where the known
-            // flight passed, its history has it.
-            if level > 0u && !(t_out < known.passed) {
-                result.history |= skipped_bits(cell_masks[cell], level);
-            }
+            let opened = here >> 8u;
+            let passed = t_out < known.passed;
+            result.stands = t_out > known.ended && opened == 0u;
+            if passed || result.stands { layers &= opened; }
+            // What is not drawn relied on every value that the cell can have.
+            if level > 0u && !passed { result.history |= skipped_bits(cell_masks[cell], level); }
         }
         while layers != 0u {
             let layer = firstTrailingBit(layers);
@@ -126,12 +97,11 @@ fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>, known: Known) ->
                 over = t >= t_out;
                 if over { break; }
                 result.tentative++;
-                let least = (floor_of_marks + unit(words.y) * width) * frame.majorant;
-                @if(history) { if least < between.x || least >= between.y { continue; } }
                 let entry = entry_at(origin + direction * t);
                 let o = optics[entry];
                 @if(history) { result.history |= tentative_bit(o.bin, layer); }
-                if least < o.extinction {
+                let mark = floor_of_marks + unit(words.y) * width;
+                if mark * frame.majorant < o.extinction {
                     // The first real collision of this layer; another may still be nearer.
                     t_out = t;
                     result.distance = t;
@@ -144,12 +114,12 @@ fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>, known: Known) ->
             expect(over);
         }
         expect(layers == 0u);
-        arrived = result.collided;
+        arrived = result.collided || result.stands;
         if arrived { break; }
         t_in = max(t_out, t_in);
         arrived = t_out >= leave || !walk_step(&w, l, frame.cell_mm, frame.cells);
         if arrived { break; }
     }
-    expect(arrived || result.stands);
+    expect(arrived);
     return result;
 }

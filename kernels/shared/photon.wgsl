@@ -27,8 +27,6 @@ struct PhotonParams {
     risen: vec2<u32>,      // bins where a flight may be stopped that was not
     first_event: u32,      // the window of events that a dispatch traces
     stop_event: u32,
-    between: vec2<f32>,    // least and highest extinction that it rose from and to
-    rose: vec2<u32>,       // bins of the values that rose, whatever the mark
     relit: u32,            // 1: the light's power changed
     pad0: u32,
     pad1: u32,

@@ -79,6 +79,7 @@ fn cell_index(cell: vec3<i32>) -> u32 {
     return (c.z * frame.cells.y + c.y) * frame.cells.x + c.x;
 }
 
-// The first layer of marks that can be real in each macro-cell (see flight.wgsl);
-// LAYERS where none can.
-@group(0) @binding(15) var<storage, read> cell_levels: array<u32>;
+// Layers of marks in each macro-cell (see flight.wgsl). Low byte: the first that can be real,
+// LAYERS where none can. Above: those in which the edit in progress may have made something
+// real, a bit each.
+@group(0) @binding(15) var<storage, read> cell_layers: array<u32>;

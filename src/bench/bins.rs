@@ -1,6 +1,6 @@
 //! Which bins histories should have: shares of photons and segments invalidated, how many
-//! of those changed, the flights traced again if a photon had but one history, and what
-//! histories of two words would find.
+//! of those changed, the flights found invalid, also if a photon had but one history, and
+//! what histories of two words would find.
 
 use serde_json::json;
 
@@ -8,6 +8,7 @@ use super::{Effort, Report, Sheet, built_in, edited, percent};
 use crate::error::Result;
 use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
+use crate::photon::State;
 use crate::query::{CHANGE_FALLEN, Query};
 use crate::render::{Progress, Split};
 use crate::scene::Scene;
@@ -76,7 +77,7 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
             let device = DeviceScene::with_bins(gpu, &scene, &volume, bins)?;
             let mut frame = PhotonFrame::new(gpu, &scene, device, 1, &Split::default())?;
             frame.rebuild(gpu, &Split::default(), silent)?;
-            let flights = flights(gpu, &mut frame, (&scene, &after))?;
+            let flights = flights(gpu, &frame, &after)?;
             let edit = edited(gpu, &mut frame, (&scene, &after), effort.runs, silent)?;
             let (u, c) = (&edit.updated, &edit.updated.counts);
             (photons, changed) = (u.photons, c.changed);
@@ -85,8 +86,8 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
             sheet.rows.push(row);
         }
         for (label, classes) in [("128 values", 1), ("64 x 2", 2), ("32 x 4", 4), ("16 x 8", 8)] {
-            let (invalid, flights) = two_words(gpu, (&scene, &after), &volume, classes)?;
-            let mut row = start(label, invalid, (photons, changed), flights);
+            let flights = two_words(gpu, (&scene, &after), &volume, classes)?;
+            let mut row = start(label, flights.invalid, (photons, changed), flights);
             row.extend([json!(null), json!(null)]);
             sheet.rows.push(row);
         }
@@ -138,69 +139,70 @@ fn equalised(volume: &Volume, mark_classes: u32) -> Bins {
 /// Flights of all photons.
 #[derive(Clone, Copy, Default)]
 struct Flights {
-    /// Those that an edit has traced again, from each photon's first invalid slot.
+    /// Those that an edit finds invalid.
     per_slot: u64,
-    /// The same, if a photon had but one history.
+    /// All flights of photons that have one, as if a photon had but one history.
     per_photon: u64,
     all: u64,
+    /// Photons that have one.
+    invalid: u64,
 }
 
 impl Flights {
-    /// Adds the flights of a batch, given the event from which each photon is traced again.
-    fn add(&mut self, states: &[[u32; 4]], photons: usize, from: impl Fn(usize) -> u32) {
-        for (slot, state) in states.iter().enumerate() {
-            let (event, from) = ((slot / photons) as u32, from(slot % photons));
-            let flown = u64::from(kind(state) != 0);
-            self.per_slot += flown * u64::from(event >= from);
-            self.per_photon += flown * u64::from(from != VALID);
+    /// Adds the flights of a batch, given which are invalid, slot by slot.
+    fn add(&mut self, states: &[State], photons: usize, invalid: &[bool]) {
+        for photon in 0..photons {
+            let slots = (photon..states.len()).step_by(photons);
+            let flown = slots.clone().filter(|&at| !states[at].is_empty()).count() as u64;
+            let found = slots.filter(|&at| invalid[at]).count() as u64;
             self.all += flown;
+            self.per_slot += found;
+            if found > 0 {
+                self.invalid += 1;
+                self.per_photon += flown;
+            }
         }
     }
 }
 
-/// In place of an event: the photon is not traced again.
-const VALID: u32 = 0xff;
-
-/// What a slot is: 0 nothing, 1 an interaction, else an exit.
-fn kind(state: &[u32; 4]) -> u32 {
-    state[1] >> 30
+/// Whether an edit may have changed a flight, as far as the `asked` bits of histories tell.
+fn is_invalid(state: State, query: &Query, asked: u64) -> bool {
+    let fallen = query.changes[state.entry()] & CHANGE_FALLEN != 0;
+    state.history() & query.risen & asked != 0 || state.interacts() && fallen
 }
 
-/// Flights that an edit has traced again.
-fn flights(
-    gpu: &Gpu,
-    frame: &mut PhotonFrame,
-    (before, after): (&Scene, &Scene),
-) -> Result<Flights> {
-    let split = Split::default();
-    // Abandoned as soon as it has listed what to trace.
-    frame.edit(gpu, after, &split)?;
-    frame.update(gpu, &split, &mut Progress::until(&mut |_| true))?;
+/// What an edit changes of what a frame shows.
+fn query_of(frame: &PhotonFrame, after: &Scene) -> Query {
+    let device = &frame.scene;
+    Query::between(&device.table, &device.table_of(after), &device.bins, device.frame.majorant)
+}
+
+/// Flights that an edit finds invalid.
+fn flights(gpu: &Gpu, frame: &PhotonFrame, after: &Scene) -> Result<Flights> {
+    let query = query_of(frame, after);
     let mut flights = Flights::default();
     for batch in &frame.map.batches {
-        let tasks = gpu.read::<u32>("bins", &batch.tasks)?;
-        let states = gpu.read::<[u32; 4]>("bins", &batch.states)?;
-        flights.add(&states, batch.photons as usize, |photon| tasks[photon] >> 8 & 0xff);
+        let states = gpu.read::<State>("bins", &batch.states)?;
+        let invalid: Vec<_> = states.iter().map(|&s| is_invalid(s, &query, u64::MAX)).collect();
+        flights.add(&states, batch.photons as usize, &invalid);
     }
-    frame.edit(gpu, before, &split)?;
-    frame.update(gpu, &split, &mut Progress::silent())?;
     Ok(flights)
 }
 
-/// Photons that histories of 128 bits would find invalid, and their flights: those that any
-/// of four histories finds, each of which knows a quarter of the bits.
+/// Flights that histories of 128 bits would find invalid: those that any of four histories
+/// finds, each of which knows a quarter of the bits.
 fn two_words(
     gpu: &Gpu,
     (before, after): (&Scene, &Scene),
     volume: &Volume,
     mark_classes: u32,
-) -> Result<(u64, Flights)> {
+) -> Result<Flights> {
     const QUARTER: u32 = 32;
     // Values below the quarter share bin 0, those above it bin 40: no bit of theirs is asked.
     const FIRST: u32 = 8;
     const ASKED: u64 = (u32::MAX as u64) << FIRST;
     let split = Split::default();
-    let (mut states, mut from) = (Vec::new(), Vec::<Vec<u32>>::new());
+    let mut found = Vec::<(Vec<State>, usize, Vec<bool>)>::new();
     for quarter in 0..4 {
         let bin_of = |entry: u32| match entry / (TABLE_ENTRIES as u32 / 128) {
             bin if bin < quarter * QUARTER => 0,
@@ -213,31 +215,22 @@ fn two_words(
         // The photons will do.
         let mut traced = |boundary| boundary == "light field";
         frame.rebuild(gpu, &split, &mut Progress::until(&mut traced))?;
-        let device = &frame.scene;
-        let table = device.table_of(after);
-        let query = Query::between(&device.table, &table, &device.bins, device.frame.majorant);
-        states.clear();
-        from.resize_with(frame.map.batches.len(), Vec::new);
-        for (batch, from) in frame.map.batches.iter().zip(&mut from) {
-            let slots = gpu.read::<[u32; 4]>("bins", &batch.states)?;
-            let photons = batch.photons as usize;
-            from.resize(photons, VALID);
-            for (photon, from) in from.iter_mut().enumerate() {
-                let mut own = slots.iter().skip(photon).step_by(photons);
-                let invalid = own.position(|slot| {
-                    let history = u64::from(slot[2]) | u64::from(slot[3]) << 32;
-                    let fallen = query.changes[(slot[1] >> 18 & 0xfff) as usize] & CHANGE_FALLEN;
-                    history & query.risen & ASKED != 0 || kind(slot) == 1 && fallen != 0
-                });
-                *from = invalid.map_or(*from, |event| (event as u32).min(*from));
+        let query = query_of(&frame, after);
+        for (i, batch) in frame.map.batches.iter().enumerate() {
+            let states = gpu.read::<State>("bins", &batch.states)?;
+            let invalid = states.iter().map(|&state| is_invalid(state, &query, ASKED));
+            match found.get_mut(i) {
+                Some((_, _, any)) => any.iter_mut().zip(invalid).for_each(|(any, own)| *any |= own),
+                None => {
+                    let invalid = invalid.collect();
+                    found.push((states, batch.photons as usize, invalid));
+                }
             }
-            states.push(slots);
         }
     }
     let mut flights = Flights::default();
-    for (slots, from) in states.iter().zip(&from) {
-        flights.add(slots, from.len(), |photon| from[photon]);
+    for (states, photons, invalid) in &found {
+        flights.add(states, *photons, invalid);
     }
-    let invalid = from.iter().flatten().filter(|&&event| event != VALID).count();
-    Ok((invalid as u64, flights))
+    Ok(flights)
 }

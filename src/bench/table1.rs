@@ -9,6 +9,7 @@ use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::measure;
 use crate::metrics::Metrics;
+use crate::photon::State;
 use crate::query::Query;
 use crate::render::{Progress, Split};
 use crate::scene::{Estimator, Scene, Spatial, Weighting};
@@ -273,24 +274,21 @@ struct Touched {
 /// those that are traced or weighed again, since what changes in a last slot is weighed by
 /// the light field.
 fn touched(gpu: &Gpu, frame: &PhotonFrame, after: &Scene) -> Result<Touched> {
-    const INTERACTION: u32 = 1;
     let device = &frame.scene;
     let table = device.table_of(after);
     let query = Query::between(&device.table, &table, &device.bins, device.frame.majorant);
     let mut found = Touched { photons: 0, interacting: 0 };
     for batch in &frame.map.batches {
-        let states = gpu.read::<[u32; 4]>("table 1", &batch.states)?;
+        let states = gpu.read::<State>("table 1", &batch.states)?;
         let photons = batch.photons as usize;
         for photon in 0..photons {
             let slots = states.iter().skip(photon).step_by(photons);
             let hit = slots.clone().any(|state| {
-                let history = u64::from(state[2]) | u64::from(state[3]) << 32;
-                let entry = (state[1] >> 18 & 0xfff) as usize;
-                let interacts = state[1] >> 30 == INTERACTION;
-                history & query.risen != 0 || interacts && query.changes[entry] != 0
+                let changed = query.changes[state.entry()] != 0;
+                state.history() & query.risen != 0 || state.interacts() && changed
             });
             found.photons += u64::from(hit);
-            found.interacting += u64::from(states[photon][1] >> 30 == INTERACTION);
+            found.interacting += u64::from(states[photon].interacts());
         }
     }
     Ok(found)

@@ -55,23 +55,29 @@ impl MacroCells {
     /// The greatest extinction that each cell can produce, 1/mm; where it can only emit,
     /// `glow_rate` instead, so that a Poisson process finds the emission.
     pub fn majorants(&self, table: &Table, glow_rate: f32) -> Vec<f32> {
-        // A sparse table of maxima answers any range in two look-ups.
         let rate = |e: usize| {
             let glows = table.emission[e] != [0.0; 3];
             table.extinction[e].max(if glows { glow_rate } else { 0.0 })
         };
-        let mut levels = vec![(0..TABLE_ENTRIES).map(rate).collect::<Vec<f32>>()];
+        self.fold(rate, f32::max)
+    }
+
+    /// What the entries that each cell can produce have in common: `join` takes two, and does
+    /// not mind one twice.
+    pub fn fold<T: Copy>(&self, of: impl Fn(usize) -> T, join: impl Fn(T, T) -> T) -> Vec<T> {
+        // A sparse table answers any range in two look-ups.
+        let mut levels = vec![(0..TABLE_ENTRIES).map(of).collect::<Vec<T>>()];
         for width in (0..).map(|k| 1 << k).take_while(|w| 2 * w <= TABLE_ENTRIES) {
             let below = &levels[levels.len() - 1];
-            let next = (0..=TABLE_ENTRIES - 2 * width).map(|i| below[i].max(below[i + width]));
+            let next = (0..=TABLE_ENTRIES - 2 * width).map(|i| join(below[i], below[i + width]));
             levels.push(next.collect());
         }
-        let greatest = |&[low, high]: &[u16; 2]| {
+        let joined = |&[low, high]: &[u16; 2]| {
             let (low, high) = (low as usize, high as usize);
             let level = (high - low + 1).ilog2() as usize;
-            levels[level][low].max(levels[level][high + 1 - (1 << level)])
+            join(levels[level][low], levels[level][high + 1 - (1 << level)])
         };
-        self.entries.iter().map(greatest).collect()
+        self.entries.iter().map(joined).collect()
     }
 }
 
