@@ -8,7 +8,7 @@
 // see the same numbers; both go through the same lines of this one pipeline.
 
 import package::shared::counter::{
-    TENTATIVE, INTERACTIONS, UNFINISHED, count, expect, cut_short
+    TENTATIVE, STEPS, INTERACTIONS, UNFINISHED, count, expect, cut_short
 };
 import package::shared::flight::{Known, nothing_known, fly};
 import package::shared::item::item_index;
@@ -67,6 +67,7 @@ fn main(
     }
     var astray = task.astray;
     var tentative = 0u;
+    var steps = 0u;
     var interactions = 0u;
     var over = false;
     loop {
@@ -102,6 +103,7 @@ fn main(
             if begun { known = known_of(before, origin, direction); }
             let flight = fly(origin, direction, key, known);
             tentative += flight.tentative;
+            steps += flight.steps;
             if flight.stands {
                 slot = before;
                 slot.power = power;
@@ -134,6 +136,7 @@ fn main(
     }
     if astray < task.astray { tasks[photon] = pack_task(Task(task.touched, astray)); }
     count(TENTATIVE, tentative);
+    count(STEPS, steps);
     count(INTERACTIONS, interactions);
     count(UNFINISHED, u32(cut_short));
 }

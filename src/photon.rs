@@ -140,15 +140,17 @@ pub struct Counters {
     /// Segments whose sums of light did not fit; nothing is returned unless it is 0.
     #[serde(skip)]
     pub overflown: u64,
+    /// March steps of photons: macro-cells that their flights entered.
+    pub steps: u64,
 }
 
-const COUNTERS: usize = 12;
+const COUNTERS: usize = 13;
 
 impl Counters {
     /// March steps, tentative collisions, gather tests and deposits: what the work is
     /// in proportion to.
     pub fn visits(&self) -> u64 {
-        self.tentative + self.samples + self.gathered + self.deposits
+        self.steps + self.tentative + self.samples + self.gathered + self.deposits
     }
 
     /// Fails where the driver ended a loop before its time.
@@ -207,6 +209,7 @@ impl CounterBuffer {
             c.changed,
             c.unfinished,
             c.overflown,
+            c.steps,
         ];
         gpu.write(&self.0, &words);
     }
@@ -230,6 +233,7 @@ impl CounterBuffer {
             changed: c[9],
             unfinished: c[10],
             overflown: c[11],
+            steps: c[12],
         })
     }
 }

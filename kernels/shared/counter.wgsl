@@ -13,6 +13,7 @@ const REWEIGHED: u32 = 8u;     // photons with a slot whose power alone is found
 const CHANGED: u32 = 9u;       // photons that tracing again has changed
 const UNFINISHED: u32 = 10u;   // items whose loops the driver ended
 const OVERFLOWN: u32 = 11u;    // segments whose sums do not fit
+const STEPS: u32 = 12u;        // macro-cells that flights entered
 
 @group(0) @binding(7) var<storage, read_write> counters: array<atomic<u32>>;
 

@@ -31,6 +31,7 @@ struct Flight {
     stands: bool,          // it is the known one; nothing else is told then
     history: vec2<u32>,    // bins of everything that was looked at
     tentative: u32,        // tentative collisions made
+    steps: u32,            // macro-cells entered
 }
 
 // What is known of a flight before an edit: it passed `passed` mm and, if that still stops it,
@@ -64,13 +65,14 @@ fn skipped_bits(mask: vec2<u32>, level: u32) -> vec2<u32> {
 fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>, known: Known) -> Flight {
     let l = line(origin, direction);
     let leave = inside(l, frame.extent).y;
-    var result = Flight(max(leave, 0.0), 0u, false, false, known.history, 0u);
+    var result = Flight(max(leave, 0.0), 0u, false, false, known.history, 0u, 0u);
     var t_in = 0.0;
     var arrived = false;
     var w = walk_begin(l, 0.0, frame.cell_mm, frame.cells);
     loop {
         var t_out = min(walk_leave(w), leave);
         let cell = cell_index(w.cell);
+        result.steps++;
         let here = cell_layers[cell];
         var level = 0u;
         @if(skip) { level = here & 0xffu; }

@@ -27,7 +27,9 @@ const SCENES: [(&str, Estimator); 7] = [
 type Stage = (&'static str, &'static [&'static str], fn(&Counters) -> u64);
 
 const STAGES: [Stage; 3] = [
-    ("trace", &["trace", "photon_query", "journal", "compare", "list"], |c| c.tentative),
+    ("trace", &["trace", "photon_query", "journal", "compare", "list_rank", "list"], |c| {
+        c.steps + c.tentative
+    }),
     ("deposit", &["deposit", "resolve"], |c| c.deposits),
     ("segment", &["segment", "segment_query", "composite"], |c| c.samples + c.gathered),
 ];
