@@ -63,6 +63,18 @@ shared_struct! {
     }
 }
 
+shared_struct! {
+    /// Layers of marks in a macro-cell (see `kernels/shared/flight.wgsl`).
+    pub struct CellLayers {
+        /// The first that can be real; [`LAYERS`] where none can.
+        pub first: u32,
+        /// A bit for each in which the edit in progress may have made something real.
+        pub opened: u32,
+        /// History bits of all values with the marks of the layers before the first.
+        pub skipped: [u32; 2],
+    }
+}
+
 /// The scene on the device.
 pub struct DeviceScene {
     /// Constants of the scene.
@@ -212,7 +224,10 @@ impl DeviceScene {
 
     /// Bytes of the volume and of the macro-cells.
     pub fn bytes(&self) -> Vec<(&'static str, u64)> {
-        vec![("volume", self.volume_bytes), ("cell masks", self.cell_masks.size())]
+        vec![
+            ("volume", self.volume_bytes),
+            ("macro-cells", self.cell_masks.size() + self.cell_layers.size()),
+        ]
     }
 }
 
@@ -226,7 +241,7 @@ struct Columns {
     optics: Vec<Optics>,
     scattering: Vec<[f32; 4]>,
     emission: Vec<[f32; 4]>,
-    layers: Vec<u32>,
+    layers: Vec<CellLayers>,
 }
 
 impl Columns {
@@ -240,13 +255,19 @@ impl Columns {
             let [r, g, b] = table.albedo(e);
             [r, g, b, table.phase_g[e]]
         };
-        let first = cells.majorants(table, 0.0).into_iter().map(|g| first_layer(g, frame.majorant));
         let opened = cells.fold(|e| u32::from(query.opened[e]), |a, b| a | b);
+        let values = cells.fold(|e| bins.tentative_bit(e, 0), |a, b| a | b);
+        let layers = |((greatest, opened), values)| {
+            let first = first_layer(greatest, frame.majorant);
+            let skipped = (0..first).fold(0, |mask, layer| mask | bins.with_mark(values, layer));
+            CellLayers { first, opened, skipped: words(skipped) }
+        };
+        let all = cells.majorants(table, 0.0).into_iter().zip(opened).zip(values);
         Self {
             optics: (0..TABLE_ENTRIES).map(optics).collect(),
             scattering: (0..TABLE_ENTRIES).map(scattering).collect(),
             emission: table.emission.iter().map(|&[r, g, b]| [r, g, b, 0.0]).collect(),
-            layers: first.zip(opened).map(|(first, opened)| first | opened << 8).collect(),
+            layers: all.map(layers).collect(),
         }
     }
 }

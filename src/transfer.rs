@@ -159,8 +159,12 @@ impl Bins {
     /// The bit of a photon's history for a tentative collision at an entry, with a mark of
     /// the given layer.
     pub fn tentative_bit(&self, entry: usize, layer: u32) -> u64 {
-        let class = layer * self.mark_classes / LAYERS;
-        1 << ((self.bin_of_entry[entry] & !(self.mark_classes - 1)) | class)
+        self.with_mark(1 << (self.bin_of_entry[entry] & !(self.mark_classes - 1)), layer)
+    }
+
+    /// The same for bits of the first layer.
+    pub fn with_mark(&self, first: u64, layer: u32) -> u64 {
+        first << (layer * self.mark_classes / LAYERS)
     }
 
     /// The history bit of an entry.

@@ -14,6 +14,7 @@ use wgpu::naga::{AddressSpace, Module, StorageAccess, TypeInner};
 const LAYOUTS: &[Layout] = &[
     frame::Frame::LAYOUT,
     frame::Optics::LAYOUT,
+    frame::CellLayers::LAYOUT,
     light::Light::LAYOUT,
     light::Lights::LAYOUT,
     photon::PhotonParams::LAYOUT,

@@ -18,7 +18,7 @@
 import package::shared::counter::expect;
 import package::shared::random::{pcg4d, unit, exponential};
 import package::shared::scene::{
-    frame, optics, cell_masks, cell_layers, entry_at, bin_bit, cell_index
+    frame, optics, cell_layers, entry_at, bin_bit, cell_index
 };
 import package::constants::LAYERS;
 import package::shared::slot::power_of_two;
@@ -54,14 +54,6 @@ fn tentative_bit(bin: u32, layer: u32) -> vec2<u32> {
     return bin_bit((bin & ~(frame.mark_classes - 1u)) | mark_class(layer));
 }
 
-// Every value of a mask, with the classes of all layers before `level`.
-fn skipped_bits(mask: vec2<u32>, level: u32) -> vec2<u32> {
-    var values = mask;
-    for (var by = 1u; by < frame.mark_classes; by <<= 1u) { values |= values >> vec2<u32>(by); }
-    values &= vec2<u32>(0xffffffffu / ((1u << frame.mark_classes) - 1u));
-    return values * ((2u << mark_class(level - 1u)) - 1u);
-}
-
 fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>, known: Known) -> Flight {
     let l = line(origin, direction);
     let leave = inside(l, frame.extent).y;
@@ -75,15 +67,14 @@ fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>, known: Known) ->
         result.steps++;
         let here = cell_layers[cell];
         var level = 0u;
-        @if(skip) { level = here & 0xffu; }
+        @if(skip) { level = here.first; }
         var layers = ((1u << LAYERS) - 1u) & ~((1u << level) - 1u);
         @if(history) {
-            let opened = here >> 8u;
             let passed = t_out < known.passed;
-            result.stands = t_out > known.ended && opened == 0u;
-            if passed || result.stands { layers &= opened; }
+            result.stands = t_out > known.ended && here.opened == 0u;
+            if passed || result.stands { layers &= here.opened; }
             // What is not drawn relied on every value that the cell can have.
-            if level > 0u && !passed { result.history |= skipped_bits(cell_masks[cell], level); }
+            if level > 0u && !passed { result.history |= here.skipped; }
         }
         while layers != 0u {
             let layer = firstTrailingBit(layers);

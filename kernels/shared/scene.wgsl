@@ -79,7 +79,11 @@ fn cell_index(cell: vec3<i32>) -> u32 {
     return (c.z * frame.cells.y + c.y) * frame.cells.x + c.x;
 }
 
-// Layers of marks in each macro-cell (see flight.wgsl). Low byte: the first that can be real,
-// LAYERS where none can. Above: those in which the edit in progress may have made something
-// real, a bit each.
-@group(0) @binding(15) var<storage, read> cell_layers: array<u32>;
+// Layers of marks in a macro-cell (see flight.wgsl).
+struct CellLayers {
+    first: u32,          // the first that can be real; LAYERS where none can
+    opened: u32,         // a bit for each in which the edit in progress may have made something real
+    skipped: vec2<u32>,  // bits of all values with the marks of those before the first
+}
+
+@group(0) @binding(15) var<storage, read> cell_layers: array<CellLayers>;
