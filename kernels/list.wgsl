@@ -3,11 +3,7 @@
 
 import package::constants::GROUP;
 import package::shared::item::item_index;
-import package::shared::marks::marks;
-
-struct ListParams {
-    count: u32,
-}
+import package::shared::marks::{ListParams, marked};
 
 @group(0) @binding(8) var<uniform> params: ListParams;
 @group(0) @binding(9) var<storage, read> ranks: array<u32>;
@@ -21,7 +17,7 @@ fn main(
 ) {
     let word = item_index(group, groups, local);
     if 32u * word >= params.count { return; }
-    var bits = atomicLoad(&marks[word]);
+    var bits = marked(word, params.count);
     for (var at = ranks[word]; bits != 0u; at++) {
         work[at] = 32u * word + firstTrailingBit(bits);
         bits &= bits - 1u;

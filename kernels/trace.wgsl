@@ -38,7 +38,8 @@ fn known_of(slot: Slot, origin: vec3<f32>, direction: vec3<f32>) -> Known {
         // More than rounding can hide.
         let edge = min(frame.cell_mm.x, min(frame.cell_mm.y, frame.cell_mm.z));
         let went = dot(slot.position - origin, direction);
-        let slack = 4e-6 * went + 1e-3 * edge;
+        let extent = max(frame.extent.x, max(frame.extent.y, frame.extent.z));
+        let slack = 4e-6 * extent + 1e-3 * edge;
         known.passed = went - slack;
         let fallen = optics[slot.entry].changes & CHANGE_FALLEN;
         if fallen == 0u { known.ended = went + slack; }
@@ -117,7 +118,8 @@ fn main(
                     flight.entry,
                     flight.history
                 );
-                let same = slot.kind == before.kind && all(slot_place(slot) == places[at]);
+                let same = slot.kind == before.kind && slot.entry == before.entry
+                    && all(slot_place(slot) == places[at]);
                 if !same { astray = min(astray, event + 1u); }
                 places[at] = slot_place(slot);
             }
@@ -126,14 +128,18 @@ fn main(
         interactions += u32(slot.kind == INTERACTION);
         event++;
     }
-    // Beyond a photon's end every slot is zero, so that equal photons are equal bits.
     expect(over);
-    for (; event < params.stop_event; event++) {
+    // Beyond a photon's end every slot is zero, so that equal photons are equal bits.
+    over = false;
+    for (; !over; event++) {
+        over = event >= params.stop_event;
+        if over { break; }
         let at = event * params.photons + photon;
-        if all(states[at] == vec4<u32>(0u)) { break; }
+        over = all(states[at] == vec4<u32>(0u));
         places[at] = vec4<u32>(0u);
         states[at] = vec4<u32>(0u);
     }
+    expect(over);
     if astray < task.astray { tasks[photon] = pack_task(Task(task.touched, astray)); }
     count(TENTATIVE, tentative);
     count(STEPS, steps);

@@ -3,11 +3,14 @@
 //! Event k of photon p lives at slot `k * photons + p` of its batch, in two arrays of
 //! 16 bytes. A batch belongs to one light, so that an edit of a light leaves the photons
 //! of the others where they are. Tracing works over a list of photons; each one's task
-//! says from which event its power, and from which its flights are found again. A full
-//! rebuild lists all of them, from event 0.
+//! says from which event on its slots may no longer hold. A full rebuild lists all of them,
+//! from event 0.
 //!
 //! An update lists the photons that a query meets, keeps their old slots in a journal of
-//! fixed size, part of the list after part, and hands on what tracing again has changed.
+//! fixed size, part of the list after part, and hands on what tracing again has changed. A
+//! slot's history is that of its own flight, so that each is judged by itself; and a flight
+//! that is judged invalid is flown again only in the macro-cells and layers of marks in
+//! which the edit can have made a tentative collision real.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -323,6 +326,7 @@ pub struct PhotonMap {
     journal: u32,
     old_places: wgpu::Buffer,
     old_states: wgpu::Buffer,
+    /// What is told of every batch; `risen` is that of the query that listed last.
     params: PhotonParams,
     trace: Arc<Kernel>,
     query: Arc<Kernel>,

@@ -162,7 +162,7 @@ impl Bins {
         self.with_mark(1 << (self.bin_of_entry[entry] & !(self.mark_classes - 1)), layer)
     }
 
-    /// The same for bits of the first layer.
+    /// Bits of tentative collisions in the first layer, moved to another.
     pub fn with_mark(&self, first: u64, layer: u32) -> u64 {
         first << (layer * self.mark_classes / LAYERS)
     }

@@ -211,7 +211,7 @@ impl PhotonFrame {
         let lights = Lights::of(scene, &self.scene.local_from_world)?;
         let result = self.apply(gpu, scene, (table, lights), split);
         if result.is_err() {
-            self.fresh = true;
+            (self.fresh, self.pending) = (true, true);
         }
         result
     }
@@ -332,7 +332,7 @@ impl PhotonFrame {
     pub fn update(&mut self, gpu: &Gpu, split: &Split, progress: &mut Progress) -> Result<Updated> {
         let result = self.stages(gpu, split, progress);
         if result.is_err() {
-            self.fresh = true;
+            (self.fresh, self.pending) = (true, true);
         }
         result
     }
@@ -350,7 +350,7 @@ impl PhotonFrame {
             }
             let begun = gpu.measured_ms();
             done.listed = self.list_photons(gpu, split)?;
-            if !self.photons(gpu, progress)? || progress.stops("light field") {
+            if !self.photons(gpu, done.listed, progress)? || progress.stops("light field") {
                 return Ok(done);
             }
             let traced = gpu.measured_ms();
@@ -392,11 +392,11 @@ impl PhotonFrame {
 
     /// Traces and weighs the listed photons. Flights that changed leave the fluence and come
     /// back to it part by part, or, where they are many, all is summed anew in the end.
-    fn photons(&mut self, gpu: &Gpu, progress: &mut Progress) -> Result<bool> {
+    fn photons(&mut self, gpu: &Gpu, listed: u64, progress: &mut Progress) -> Result<bool> {
         if let LightField::Fluence(fluence) = &mut self.field {
             fluence.current &= !self.fresh;
         }
-        let changed_before = self.counts(gpu)?.changed;
+        let (mut seen, changed_before) = (0, self.counts(gpu)?.changed);
         for i in 0..self.map.batches.len() {
             let count = self.map.batches[i].list.count;
             self.map.batches[i].stale |= count > 0;
@@ -417,8 +417,11 @@ impl PhotonFrame {
                 if let LightField::Fluence(fluence) = &mut self.field
                     && fluence.current
                 {
+                    // As many of the others will change as of those that were seen.
+                    seen += u64::from(part.end - part.start);
                     let changed = self.counters.read(gpu)?.changed - changed_before;
-                    fluence.current = 2 * changed <= u64::from(self.scene.lights.photons);
+                    let photons = u64::from(self.scene.lights.photons);
+                    fluence.current = 2 * changed * listed <= photons * seen;
                 }
                 if let LightField::Fluence(fluence) = &self.field
                     && fluence.current

@@ -316,6 +316,22 @@ fn an_abandoned_update_leaves_nothing_behind() {
     }
 }
 
+/// Of an invalid flight only that is flown where the edit can have stopped it: thin tissue's
+/// marks, not the bone's.
+#[test]
+fn a_flight_is_flown_only_where_it_may_be_stopped() {
+    let (mut scene, volume) = world(Estimator::Fluence, Weighting::Even, Filter::Linear);
+    let mut frame = frame(&scene, &volume, &Split::default());
+    let full = frame.counts(gpu()).expect("reads");
+    scene.materials[0].extinction *= 1.5;
+    let (_, done) = update(&mut frame, &scene, &Split::default());
+    let now = done.counts;
+    println!("{full:?}, then {now:?}");
+    assert!(2 * now.invalid > done.photons, "{now:?}");
+    assert!(10 * now.tentative < full.tentative, "{now:?} of {full:?}");
+    assert_eq!(difference(&frame, &scene, &volume), None);
+}
+
 /// The harness can fail: a history that lost its bits is found out.
 #[test]
 fn lost_histories_turn_it_red() {

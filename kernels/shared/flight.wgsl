@@ -28,8 +28,8 @@ struct Flight {
     distance: f32,         // mm to the collision, or to the exit
     entry: u32,            // the table entry that decided the collision
     collided: bool,
-    stands: bool,          // it is the known one; nothing else is told then
-    history: vec2<u32>,    // bins of everything that was looked at
+    stands: bool,          // it ends where the known one does; distance and entry are not told
+    history: vec2<u32>,    // bins of everything that it relied on, and the known one did
     tentative: u32,        // tentative collisions made
     steps: u32,            // macro-cells entered
 }
@@ -74,7 +74,7 @@ fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>, known: Known) ->
             result.stands = t_out > known.ended && here.opened == 0u;
             if passed || result.stands { layers &= here.opened; }
             // What is not drawn relied on every value that the cell can have.
-            if level > 0u && !passed { result.history |= here.skipped; }
+            if level > 0u && !passed && !result.stands { result.history |= here.skipped; }
         }
         while layers != 0u {
             let layer = firstTrailingBit(layers);

@@ -11,7 +11,7 @@ struct PointsParams {
     shift: u32,
     buckets: u32,
     kernel: f32,           // 1 / (4/3 pi r^3)
-    first: u32,            // place of the first that is taken
+    first: u32,            // place of the first that is taken, or of the first new one
     sign: f32,             // -1: what is taken has gone
     step: u32,             // buckets from one that is looked for to the next
     pad0: u32,

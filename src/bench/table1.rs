@@ -144,11 +144,11 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
     report.notes.push(
         "touched: photons whose flights or whose light the edit may change, also in per cent of \
          those that interact at all, since many miss the phantoms in their bounds; retraced: \
-         photons with a flight traced again; reweighed: photons with a slot of which only the \
-         power was found again; precision: changed / (retraced or reweighed). Mismatches are \
-         against a rebuild by the same kernels; the paper's settings (spatial off) leave stale \
-         light and have some; relMSE of stale light: of the updated image against the rebuilt \
-         one."
+         photons with a flight that is flown again, all of it or in part; reweighed: photons with \
+         a slot of which only the power was found again; precision: changed / (retraced or \
+         reweighed). Mismatches are against a rebuild by the same kernels; the paper's settings \
+         (spatial off) leave stale light and have some; relMSE of stale light: of the updated \
+         image against the rebuilt one."
             .to_owned(),
     );
     report.charts.push(Chart {

@@ -136,7 +136,6 @@ fn constants_module() -> String {
         ("LIGHT_RECTANGLE", crate::light::LIGHT_RECTANGLE),
         ("LIGHT_SURROUNDINGS", crate::light::LIGHT_SURROUNDINGS),
         ("LAYERS", crate::frame::LAYERS),
-        ("CHANGE_RISEN", crate::query::CHANGE_RISEN),
         ("CHANGE_FALLEN", crate::query::CHANGE_FALLEN),
         ("CHANGE_PHASE", crate::query::CHANGE_PHASE),
         ("CHANGE_ALBEDO", crate::query::CHANGE_ALBEDO),

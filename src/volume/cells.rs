@@ -62,8 +62,8 @@ impl MacroCells {
         self.fold(rate, f32::max)
     }
 
-    /// What the entries that each cell can produce have in common: `join` takes two, and does
-    /// not mind one twice.
+    /// All entries that each cell can produce, joined: a maximum, a union. `join` must not mind
+    /// an entry twice.
     pub fn fold<T: Copy>(&self, of: impl Fn(usize) -> T, join: impl Fn(T, T) -> T) -> Vec<T> {
         // A sparse table answers any range in two look-ups.
         let mut levels = vec![(0..TABLE_ENTRIES).map(of).collect::<Vec<T>>()];
