@@ -411,8 +411,8 @@ impl PhotonFrame {
                     return Ok(false);
                 }
                 self.map.copy(gpu, batch, &part, 1)?;
-                let listed = (batch, part.clone(), true);
-                self.map.trace(gpu, &self.scene, &self.counters, listed, progress)?;
+                let again = (batch, part.clone(), true);
+                self.map.trace(gpu, &self.scene, &self.counters, again, progress)?;
                 self.map.compare(gpu, batch, &part, &self.counters)?;
                 if let LightField::Fluence(fluence) = &mut self.field
                     && fluence.current
