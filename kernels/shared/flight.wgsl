@@ -46,18 +46,11 @@ fn nothing_known() -> Known {
     return Known(0.0, FAR, vec2<u32>(0u));
 }
 
-fn mark_class(layer: u32) -> u32 {
-    return layer * frame.mark_classes / LAYERS;
-}
-
-fn tentative_bit(bin: u32, layer: u32) -> vec2<u32> {
-    return bin_bit((bin & ~(frame.mark_classes - 1u)) | mark_class(layer));
-}
-
 fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>, known: Known) -> Flight {
     let l = line(origin, direction);
     let leave = inside(l, frame.extent).y;
     var result = Flight(max(leave, 0.0), 0u, false, false, known.history, 0u, 0u);
+    let values = ~(frame.mark_classes - 1u);
     var t_in = 0.0;
     var arrived = false;
     var w = walk_begin(l, 0.0, frame.cell_mm, frame.cells);
@@ -82,6 +75,7 @@ fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>, known: Known) ->
             let last = layer == LAYERS - 1u;
             let width = power_of_two(-i32(select(layer + 1u, layer, last)));
             let floor_of_marks = select(width, 0.0, last);
+            let mark_class = layer * frame.mark_classes / LAYERS;
             var t = t_in;
             var over = false;
             for (var j = 0u; ; j++) {
@@ -92,7 +86,7 @@ fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>, known: Known) ->
                 result.tentative++;
                 let entry = entry_at(origin + direction * t);
                 let o = optics[entry];
-                @if(history) { result.history |= tentative_bit(o.bin, layer); }
+                @if(history) { result.history |= bin_bit((o.bin & values) | mark_class); }
                 let mark = floor_of_marks + unit(words.y) * width;
                 if mark * frame.majorant < o.extinction {
                     // The first real collision of this layer; another may still be nearer.
