@@ -84,7 +84,7 @@ fn main(
             heading = pack_direction(e.direction);
             power = pack_power(e.power);
         } else {
-            power = weigh(id, event - 1u, slot, params);
+            power = weigh(id, event - 1u, slot.power, slot.entry, params);
             turned = (optics[slot.entry].changes & CHANGE_PHASE) != 0u;
         }
         over = all(power == vec2<u32>(0u));

@@ -8,6 +8,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 
+use crate::counter::CounterBuffer;
 use crate::dirty::Dirty;
 use crate::error::{Error, Result};
 use crate::frame::DeviceScene;
@@ -15,7 +16,7 @@ use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
 use crate::gpu::run::{Bindings, Stage};
-use crate::photon::{CounterBuffer, PhotonMap, PhotonParams};
+use crate::photon::{PhotonMap, PhotonParams};
 use crate::render::{CONTRIBUTION, Progress};
 use crate::scene::Settings;
 

@@ -8,6 +8,7 @@
 //! tracer that everything is judged by, with [`metrics`].
 
 pub mod bench;
+pub mod counter;
 pub mod demo;
 pub mod dirty;
 pub mod error;

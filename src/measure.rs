@@ -2,12 +2,12 @@
 
 use std::time::Instant;
 
+use crate::counter::Counters;
 use crate::error::Result;
 use crate::film::Image;
 use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
 use crate::gpu::run::{Timing, milliseconds};
-use crate::photon::Counters;
 use crate::render::{Progress, Split};
 use crate::scene::Scene;
 use crate::segment::{LightField, Segment};

@@ -15,6 +15,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 
+use crate::counter::CounterBuffer;
 use crate::error::{Error, Result};
 use crate::frame::{DeviceScene, words};
 use crate::gpu::Gpu;
@@ -77,12 +78,12 @@ shared_struct! {
         pub stop_event: u32,
         /// 1 where the light's power changed.
         pub relit: u32,
+        /// 1 / `roulette_survival`.
+        pub roulette_gain: f32,
         /// Keeps the size a multiple of 16.
         pub pad0: u32,
         /// The same.
         pub pad1: u32,
-        /// The same.
-        pub pad2: u32,
     }
 }
 
@@ -111,133 +112,6 @@ impl State {
     /// The flight's historygram.
     pub fn history(self) -> u64 {
         u64::from(self.0[2]) | u64::from(self.0[3]) << 32
-    }
-}
-
-/// Counts of one pass, read back from the device: 64-bit, so that none wraps unseen.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
-pub struct Counters {
-    /// Tentative collisions of photons.
-    pub tentative: u64,
-    /// Photon interactions stored.
-    pub interactions: u64,
-    /// Contributions that did not fit 32 bits and were clamped.
-    pub clamped: u64,
-    /// Light-field cells that flights were added to.
-    pub deposits: u64,
-    /// Photons tested by gathers, or fetches of the fluence.
-    pub gathered: u64,
-    /// March samples of view rays.
-    pub samples: u64,
-    /// Blocks that view rays looked for changed light in.
-    pub checked: u64,
-    /// Photons with a flight to be traced again.
-    pub invalid: u64,
-    /// Photons with a slot whose power alone is found again.
-    pub reweighed: u64,
-    /// Photons that tracing or weighing again has changed.
-    pub changed: u64,
-    /// Items whose loops the driver ended; nothing is returned unless it is 0.
-    #[serde(skip)]
-    pub unfinished: u64,
-    /// Segments whose sums of light did not fit; nothing is returned unless it is 0.
-    #[serde(skip)]
-    pub overflown: u64,
-    /// March steps of photons: macro-cells that their flights entered.
-    pub steps: u64,
-}
-
-const COUNTERS: usize = 13;
-
-impl Counters {
-    /// March steps, tentative collisions, gather tests and deposits: what the work is
-    /// in proportion to.
-    pub fn visits(&self) -> u64 {
-        self.steps + self.tentative + self.samples + self.gathered + self.deposits
-    }
-
-    /// Fails where the driver ended a loop before its time.
-    ///
-    /// # Errors
-    /// It did, in `stage`.
-    pub fn all_finished(&self, stage: &str, remedy: &str) -> Result<()> {
-        if self.unfinished == 0 {
-            return Ok(());
-        }
-        Err(Error::capacity(
-            stage,
-            format!(
-                "the driver ended the loops of {} items before they were done (Mesa's software \
-                 adapter allows 65535 iterations); {remedy}, or use another adapter",
-                self.unfinished
-            ),
-        ))
-    }
-}
-
-/// The counters on the device.
-pub struct CounterBuffer(wgpu::Buffer);
-
-impl CounterBuffer {
-    /// Counters at zero.
-    ///
-    /// # Errors
-    /// The device refuses.
-    pub fn new(gpu: &Gpu) -> Result<Self> {
-        gpu.buffer::<u64>("counters", COUNTERS).map(Self)
-    }
-
-    /// The buffer that the kernels count in.
-    pub fn buffer(&self) -> &wgpu::Buffer {
-        &self.0
-    }
-
-    /// Sets them to zero.
-    pub fn clear(&self, gpu: &Gpu) {
-        self.restore(gpu, &Counters::default());
-    }
-
-    /// Sets them back to what they were, before work that must be done again.
-    pub fn restore(&self, gpu: &Gpu, c: &Counters) {
-        let words: [u64; COUNTERS] = [
-            c.tentative,
-            c.interactions,
-            c.clamped,
-            c.deposits,
-            c.gathered,
-            c.samples,
-            c.checked,
-            c.invalid,
-            c.reweighed,
-            c.changed,
-            c.unfinished,
-            c.overflown,
-            c.steps,
-        ];
-        gpu.write(&self.0, &words);
-    }
-
-    /// Reads them.
-    ///
-    /// # Errors
-    /// The device failed.
-    pub fn read(&self, gpu: &Gpu) -> Result<Counters> {
-        let c = gpu.read::<u64>("counters", &self.0)?;
-        Ok(Counters {
-            tentative: c[0],
-            interactions: c[1],
-            clamped: c[2],
-            deposits: c[3],
-            gathered: c[4],
-            samples: c[5],
-            checked: c[6],
-            invalid: c[7],
-            reweighed: c[8],
-            changed: c[9],
-            unfinished: c[10],
-            overflown: c[11],
-            steps: c[12],
-        })
     }
 }
 
@@ -329,6 +203,7 @@ pub struct PhotonMap {
     /// What is told of every batch; `risen` is that of the query that listed last.
     params: PhotonParams,
     trace: Arc<Kernel>,
+    weigh: Arc<Kernel>,
     query: Arc<Kernel>,
     copy: Arc<Kernel>,
     compare: Arc<Kernel>,
@@ -370,10 +245,12 @@ impl PhotonMap {
                 max_events,
                 roulette_from: settings.roulette_from,
                 roulette_survival: settings.roulette_survival as f32,
+                roulette_gain: settings.roulette_survival.recip() as f32,
                 sign: 1,
                 ..Default::default()
             },
             trace: trace_kernel(gpu, scene)?,
+            weigh: gpu.kernel("weigh", &[])?,
             query: gpu.kernel("photon_query", &[])?,
             copy: gpu.kernel("journal", &[])?,
             compare: gpu.kernel("compare", &[])?,
@@ -579,6 +456,40 @@ impl PhotonMap {
             Ok(())
         };
         gpu.sliced("trace", total, 1 << 14, work, &mut |n| progress.at("trace", n, total))
+    }
+
+    /// Weighs again a part of a batch's work list in which no flight is invalid and no light
+    /// has changed: a trace that flies nothing. Returns false where a photon that had ended
+    /// would go on; the part is to be traced then, from where it was.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn weigh(
+        &self,
+        gpu: &Gpu,
+        scene: &DeviceScene,
+        counters: &CounterBuffer,
+        (batch, part): (&Batch, Range<u32>),
+        progress: &mut Progress,
+    ) -> Result<bool> {
+        let before = counters.read(gpu)?;
+        let mut bindings = [scene.bindings(), batch.bindings()].concat();
+        bindings.push(("counters", counters.buffer().into()));
+        let total = u64::from(part.end - part.start);
+        let work = |stage: &mut crate::gpu::run::Stage, range: Range<u64>| {
+            let params = PhotonParams {
+                first_item: part.start + range.start as u32,
+                items: (range.end - range.start) as u32,
+                ..self.params(batch)
+            };
+            stage.dispatch(&self.weigh, range.end - range.start, &bindings, &params)
+        };
+        gpu.sliced("weigh", total, 1 << 14, work, &mut |n| progress.at("weigh", n, total))?;
+        let done = counters.read(gpu)?.unfinished == 0;
+        if !done {
+            counters.restore(gpu, &before);
+        }
+        Ok(done)
     }
 
     /// Bytes of all slots.

@@ -3,13 +3,13 @@
 
 use std::sync::Arc;
 
+use crate::counter::CounterBuffer;
 use crate::error::Result;
 use crate::film::Image;
 use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
-use crate::photon::CounterBuffer;
 use crate::render::Progress;
 use crate::scene::{Method, Scene};
 use crate::segment::{SegmentParams, camera_params};

@@ -2,12 +2,13 @@
 
 use std::time::Instant;
 
+use crate::counter::Counters;
 use crate::error::Result;
 use crate::film::Image;
 use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
 use crate::gpu::run::{Timing, milliseconds};
-use crate::photon::{Counters, SLOT_BYTES};
+use crate::photon::SLOT_BYTES;
 use crate::reference::Reference;
 use crate::scene::{Method, Scene};
 use crate::segment::LightField;

@@ -10,6 +10,7 @@ use std::sync::Arc;
 
 use glam::{DAffine3, Vec3};
 
+use crate::counter::CounterBuffer;
 use crate::dirty::Dirty;
 use crate::error::{Error, Result};
 use crate::film::Image;
@@ -19,7 +20,6 @@ use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
 use crate::gpu::run::{Bindings, Stage};
-use crate::photon::CounterBuffer;
 use crate::points::Points;
 use crate::render::{CONTRIBUTION, Progress, Split};
 use crate::scene::{Camera, Scene};

@@ -9,13 +9,14 @@
 //! abandoned at any boundary of its stages, and another edit made: the next one asks for
 //! what either changed, and that is all there is to clean up.
 
+use crate::counter::{CounterBuffer, Counters};
 use crate::dirty::Dirty;
 use crate::error::{Error, Result};
 use crate::fluence::Fluence;
 use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
 use crate::light::Lights;
-use crate::photon::{CounterBuffer, Counters, PhotonMap, PhotonParams};
+use crate::photon::{PhotonMap, PhotonParams};
 use crate::points::Points;
 use crate::query::{CHANGE_EMISSION, CHANGE_FALLEN, CHANGE_RISEN, Query};
 use crate::render::{Progress, Split};
@@ -396,7 +397,7 @@ impl PhotonFrame {
         if let LightField::Fluence(fluence) = &mut self.field {
             fluence.current &= !self.fresh;
         }
-        let (mut seen, changed_before) = (0, self.counts(gpu)?.changed);
+        let (mut seen, before) = (0, self.counts(gpu)?);
         for i in 0..self.map.batches.len() {
             let count = self.map.batches[i].list.count;
             self.map.batches[i].stale |= count > 0;
@@ -411,15 +412,22 @@ impl PhotonFrame {
                     return Ok(false);
                 }
                 self.map.copy(gpu, batch, &part, 1)?;
-                let again = (batch, part.clone(), true);
-                self.map.trace(gpu, &self.scene, &self.counters, again, progress)?;
+                let (scene, counters) = (&self.scene, &self.counters);
+                let again = (batch, part.clone());
+                let only_weighed = before.invalid == 0
+                    && !batch.relit
+                    && self.map.weigh(gpu, scene, counters, again, progress)?;
+                if !only_weighed {
+                    let again = (batch, part.clone(), true);
+                    self.map.trace(gpu, scene, counters, again, progress)?;
+                }
                 self.map.compare(gpu, batch, &part, &self.counters)?;
                 if let LightField::Fluence(fluence) = &mut self.field
                     && fluence.current
                 {
                     // As many of the others will change as of those that were seen.
                     seen += u64::from(part.end - part.start);
-                    let changed = self.counters.read(gpu)?.changed - changed_before;
+                    let changed = self.counters.read(gpu)?.changed - before.changed;
                     let photons = u64::from(self.scene.lights.photons);
                     fluence.current = 2 * changed * listed <= photons * seen;
                 }

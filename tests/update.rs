@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use common::gpu;
 use common::snapshot::{Snapshot, rebuild, snapshot};
 use common::world::{CLASSES, Dice, frame, random_edit, update, world};
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, Vec3};
 use photogram::render::{Progress, Split};
 use photogram::scene::{Estimator, Filter, Scene, Spatial, Weighting};
 use photogram::segment::LightField;
@@ -246,6 +246,21 @@ fn a_light_that_goes_out_shines_again() {
     }
 }
 
+/// Photons that ended without power go on where they never flew: a flight each, though no
+/// history tells.
+#[test]
+fn what_only_absorbed_scatters_again() {
+    for estimator in [Estimator::Fluence, Estimator::Points] {
+        let (home, volume) = world(estimator, Weighting::Even, Filter::Linear);
+        let mut black = home.clone();
+        black.materials[1].scatter = 0.0;
+        let mut frame = frame(&black, &volume, &Split::default());
+        let (_, done) = update(&mut frame, &home, &Split::default());
+        assert!(done.counts.invalid == 0 && done.counts.tentative > 0, "{:?}", done.counts);
+        assert_eq!(difference(&frame, &home, &volume), None, "{estimator}");
+    }
+}
+
 #[test]
 fn the_smallest_frames_are_exact() {
     let (mut scene, volume) = world(Estimator::Fluence, Weighting::Even, Filter::Linear);
@@ -260,20 +275,26 @@ fn the_smallest_frames_are_exact() {
     }
 }
 
-#[test]
-fn one_voxel_is_exact() {
+/// A volume of one voxel of 1 mm, all of one material.
+fn one_voxel(estimator: Estimator, photons: u32) -> (Scene, Volume) {
     let volume = Volume::new([1; 3], DVec3::ONE, DMat3::IDENTITY, DVec3::ZERO, vec![7_u16])
         .expect("a sound volume");
     let (_, lights) = common::world::WORLD.split_once("[[light]]").expect("lights");
     let (lights, _) = lights.split_once("[[material]]").expect("materials");
     let text = format!(
         "[camera]\nfrom = [0, -1, 0]\nwidth = 6\nheight = 6\n[[light]]{lights}[[material]]\nname = \
-         \"all\"\nwindow = [0, 10]\nextinction = 1.0\nalbedo = 0.5\n[settings]\nphotons = 200\n\
-         max_events = 3\nsegments = 2\nrays = 1\nmajorant = 2.0\n"
+         \"all\"\nwindow = [0, 10]\nextinction = 1.0\nalbedo = 0.5\n[settings]\nphotons = {photons}\n\
+         max_events = 4\nsegments = 2\nrays = 1\nmajorant = 2.0\n"
     );
+    let mut scene = common::scene_over(&volume, &text);
+    scene.settings.estimator = Some(estimator);
+    (scene, volume)
+}
+
+#[test]
+fn one_voxel_is_exact() {
     for estimator in [Estimator::Fluence, Estimator::Points] {
-        let mut scene = common::scene_over(&volume, &text);
-        scene.settings.estimator = Some(estimator);
+        let (mut scene, volume) = one_voxel(estimator, 200);
         let mut frame = frame(&scene, &volume, &Split::default());
         for extinction in [0.3, 0.0, 1.9] {
             scene.materials[0].extinction = extinction;
@@ -282,6 +303,31 @@ fn one_voxel_is_exact() {
             assert_eq!(difference(&frame, &scene, &volume), None, "{estimator}, {extinction}");
         }
     }
+}
+
+/// Mesa's software adapter ends a thread's loops after 65 535 iterations of all of them
+/// together, without a word. What it cut short is traced again event by event, in an update
+/// from the slots that were there.
+#[test]
+fn long_flights_are_not_cut_short() {
+    const MAJORANT: f64 = 37_000.0;
+    let (mut scene, volume) = one_voxel(Estimator::Fluence, 400);
+    (scene.settings.majorant, scene.settings.skip_empty) = (Some(MAJORANT), false);
+    let mut frame = frame(&scene, &volume, &Split::default());
+    let before = snapshot(gpu(), &frame);
+    // The tentative collisions of the flights between a photon's interactions.
+    let lengths = before.slots.chunks(4).map(|slots| {
+        let met = slots.iter().take_while(|[_, state]| state[1] >> 30 != 0);
+        let places: Vec<_> =
+            met.map(|[at, _]| Vec3::from_array([0, 1, 2].map(|i| f32::from_bits(at[i])))).collect();
+        places.windows(2).map(|p| p[0].distance(p[1])).sum::<f32>()
+    });
+    let most = f64::from(lengths.fold(0.0, f32::max)) * MAJORANT;
+    assert!(most > 1.1 * 65_535.0, "no photon makes more than {most} tentative collisions");
+    scene.materials[0].extinction = 1.5;
+    let (_, done) = update(&mut frame, &scene, &Split::default());
+    assert!(done.counts.changed > 0);
+    assert_eq!(difference(&frame, &scene, &volume), None);
 }
 
 #[test]

@@ -1,5 +1,5 @@
 // Counters that the host reads back: 64-bit sums, low word first. The order is that
-// of `Counters` in src/photon.rs.
+// of `Counters` in src/counter.rs.
 
 const TENTATIVE: u32 = 0u;     // tentative collisions
 const INTERACTIONS: u32 = 1u;  // photon interactions stored

@@ -28,9 +28,9 @@ struct PhotonParams {
     first_event: u32,      // the window of events that a dispatch traces
     stop_event: u32,
     relit: u32,            // 1: the light's power changed
+    roulette_gain: f32,    // 1 / roulette_survival
     pad0: u32,
     pad1: u32,
-    pad2: u32,
 }
 
 // What is to be done with a photon: from `touched` on its power is found again; from
@@ -70,12 +70,19 @@ fn identify(params: PhotonParams, photon: u32) -> Identity {
 }
 
 // Implicit capture: the weight takes the albedo; past a given event a roulette with a
-// fixed probability may end the photon, with no power left. Neither moves it.
-fn weigh(id: Identity, event: u32, slot: Slot, params: PhotonParams) -> vec2<u32> {
-    var power = unpack_power(slot.power) * scattering[slot.entry].rgb;
+// fixed probability may end the photon, with no power left. Neither moves it. Products
+// alone, which every kernel must round alike.
+fn weigh(
+    id: Identity,
+    event: u32,
+    arriving: vec2<u32>,
+    entry: u32,
+    params: PhotonParams,
+) -> vec2<u32> {
+    var power = unpack_power(arriving) * scattering[entry].rgb;
     if event >= params.roulette_from {
         let survives = unit(draw(id.stream, id.index, event, FOR_SCATTER).z) < params.roulette_survival;
-        power = select(vec3<f32>(0.0), power / params.roulette_survival, survives);
+        power = select(vec3<f32>(0.0), power * params.roulette_gain, survives);
     }
     return pack_power(power);
 }

@@ -79,12 +79,17 @@ fn slot_entry(state: vec4<u32>) -> u32 {
     return (state.y >> 18u) & 0xfffu;
 }
 
+// Packed.
+fn slot_power(state: vec4<u32>) -> vec2<u32> {
+    return vec2<u32>(state.x, state.y & 0x3ffffu);
+}
+
 fn slot_of(place: vec4<u32>, state: vec4<u32>) -> Slot {
     return Slot(
         slot_kind(state),
         bitcast<vec3<f32>>(place.xyz),
         place.w,
-        vec2<u32>(state.x, state.y & 0x3ffffu),
+        slot_power(state),
         slot_entry(state),
         state.zw
     );

@@ -6,10 +6,10 @@ use serde_json::json;
 
 use super::{Chart, Edited, Effort, Report, Series, Sheet};
 use super::{built_in, edited, rebuilt, without_histories};
+use crate::counter::Counters;
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::measure;
-use crate::photon::Counters;
 use crate::render::{Progress, Split};
 use crate::scene::{Estimator, LightKind, Scene};
 
@@ -27,9 +27,11 @@ const SCENES: [(&str, Estimator); 7] = [
 type Stage = (&'static str, &'static [&'static str], fn(&Counters) -> u64);
 
 const STAGES: [Stage; 3] = [
-    ("trace", &["trace", "photon_query", "journal", "compare", "list_rank", "list"], |c| {
-        c.steps + c.tentative
-    }),
+    (
+        "trace",
+        &["trace", "weigh", "photon_query", "journal", "compare", "list_rank", "list"],
+        |c| c.steps + c.tentative,
+    ),
     ("deposit", &["deposit", "resolve"], |c| c.deposits),
     ("segment", &["segment", "segment_query", "composite"], |c| c.samples + c.gathered),
 ];

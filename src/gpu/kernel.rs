@@ -30,6 +30,7 @@ pub const KERNELS: &[(&str, &[&str])] = &[
     ("list", &[]),
     ("fill", &[]),
     ("journal", &[]),
+    ("weigh", &[]),
     ("compare", &[]),
     ("deposit", &[]),
     ("resolve", &[]),

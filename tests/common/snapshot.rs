@@ -1,8 +1,8 @@
 //! Everything that a frame holds, bit for bit.
 
+use photogram::counter::Counters;
 use photogram::frame::DeviceScene;
 use photogram::gpu::Gpu;
-use photogram::photon::Counters;
 use photogram::render::{Progress, Split};
 use photogram::scene::Scene;
 use photogram::segment::{LightField, Segment};

@@ -1,0 +1,102 @@
+//! What kernels count: the work that they did, and what went wrong.
+
+use crate::error::{Error, Result};
+use crate::gpu::Gpu;
+
+/// Counts of one pass, read back from the device: 64-bit, so that none wraps unseen.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, bytemuck::Pod, bytemuck::Zeroable,
+)]
+#[repr(C)]
+pub struct Counters {
+    /// Tentative collisions of photons.
+    pub tentative: u64,
+    /// Photon interactions stored.
+    pub interactions: u64,
+    /// Contributions that did not fit 32 bits and were clamped.
+    pub clamped: u64,
+    /// Light-field cells that flights were added to.
+    pub deposits: u64,
+    /// Photons tested by gathers, or fetches of the fluence.
+    pub gathered: u64,
+    /// March samples of view rays.
+    pub samples: u64,
+    /// Blocks that view rays looked for changed light in.
+    pub checked: u64,
+    /// Photons with a flight to be traced again.
+    pub invalid: u64,
+    /// Photons with a slot whose power alone is found again.
+    pub reweighed: u64,
+    /// Photons that tracing or weighing again has changed.
+    pub changed: u64,
+    /// Items whose loops the driver ended; nothing is returned unless it is 0.
+    #[serde(skip)]
+    pub unfinished: u64,
+    /// Segments whose sums of light did not fit; nothing is returned unless it is 0.
+    #[serde(skip)]
+    pub overflown: u64,
+    /// March steps of photons: macro-cells that their flights entered.
+    pub steps: u64,
+}
+
+impl Counters {
+    /// March steps, tentative collisions, gather tests and deposits: what the work is
+    /// in proportion to.
+    pub fn visits(&self) -> u64 {
+        self.steps + self.tentative + self.samples + self.gathered + self.deposits
+    }
+
+    /// Fails where the driver ended a loop before its time.
+    ///
+    /// # Errors
+    /// It did, in `stage`.
+    pub fn all_finished(&self, stage: &str, remedy: &str) -> Result<()> {
+        if self.unfinished == 0 {
+            return Ok(());
+        }
+        Err(Error::capacity(
+            stage,
+            format!(
+                "the driver ended the loops of {} items before they were done (Mesa's software \
+                 adapter allows 65535 iterations); {remedy}, or use another adapter",
+                self.unfinished
+            ),
+        ))
+    }
+}
+
+/// The counters on the device.
+pub struct CounterBuffer(wgpu::Buffer);
+
+impl CounterBuffer {
+    /// Counters at zero.
+    ///
+    /// # Errors
+    /// The device refuses.
+    pub fn new(gpu: &Gpu) -> Result<Self> {
+        gpu.buffer::<Counters>("counters", 1).map(Self)
+    }
+
+    /// The buffer that the kernels count in.
+    pub fn buffer(&self) -> &wgpu::Buffer {
+        &self.0
+    }
+
+    /// Sets them to zero.
+    pub fn clear(&self, gpu: &Gpu) {
+        self.restore(gpu, &Counters::default());
+    }
+
+    /// Sets them back to what they were, before work that must be done again.
+    pub fn restore(&self, gpu: &Gpu, counters: &Counters) {
+        gpu.write(&self.0, &[*counters]);
+    }
+
+    /// Reads them.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn read(&self, gpu: &Gpu) -> Result<Counters> {
+        Ok(gpu.read::<Counters>("counters", &self.0)?[0])
+    }
+}
