@@ -233,7 +233,7 @@ fn run(cli: &Cli) -> Result<()> {
 fn prepare(args: &SceneArgs) -> Result<(Scene, Volume)> {
     let mut scene = Scene::load(&args.scene)?;
     if let Some(path) = &args.volume {
-        scene.volume = VolumeSource::File(path.clone());
+        scene.volume = VolumeSource::File(std::path::absolute(path)?);
     }
     if let Some(scale) = args.scale {
         scene.scale(scale);

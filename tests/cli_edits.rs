@@ -17,6 +17,8 @@ fn an_edit_is_verified_and_reported() {
         let said = place.fine(&[
             "edit",
             "scene.toml",
+            "--volume",
+            "volume.nrrd",
             "--edit",
             "dark",
             "--edit",

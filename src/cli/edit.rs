@@ -76,9 +76,9 @@ pub fn run_edit(adapter: &AdapterChoice, args: &EditArgs) -> Result<()> {
 
 /// Renders the final scene in another process; returns how many pixels differ.
 fn verify_fresh(scene: &Scene, image: &film::Image, gpu: &Gpu) -> Result<u64> {
-    let folder = std::env::temp_dir().join(format!("photogram-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).map_err(|e| failed(&folder, "make", e))?;
-    let (file, out) = (folder.join("final.toml"), folder.join("final.exr"));
+    let folder = tempfile::Builder::new().prefix("photogram-").tempdir();
+    let folder = folder.map_err(|e| failed(&std::env::temp_dir(), "make a folder in", e))?;
+    let (file, out) = (folder.path().join("final.toml"), folder.path().join("final.exr"));
     std::fs::write(&file, scene.to_toml()).map_err(|e| failed(&file, "write", e))?;
     let adapter = gpu.report().index.to_string();
     let exe = std::env::current_exe().map_err(|e| failed(Path::new("this program"), "find", e))?;
@@ -91,9 +91,7 @@ fn verify_fresh(scene: &Scene, image: &film::Image, gpu: &Gpu) -> Result<u64> {
         .map_err(|e| failed(&exe, "start", e))?;
     let said = String::from_utf8_lossy(&run.stderr);
     ensure!(run.status.success(), "the other process failed: {said}");
-    let other = film::Image::read_exr(&out)?;
-    std::fs::remove_dir_all(&folder).map_err(|e| failed(&folder, "remove", e))?;
-    Ok(measure::differing_pixels(image, &other))
+    Ok(measure::differing_pixels(image, &film::Image::read_exr(&out)?))
 }
 
 fn percent(part: u64, whole: u64) -> f64 {
