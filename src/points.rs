@@ -301,6 +301,9 @@ impl Points {
         stage.finish()?;
         let kept = before.map(|before| self.kept(gpu, before, batch, &new)).transpose()?;
         new.compact(gpu, None)?;
+        if kept.as_ref().is_some_and(|kept| cheaper_to_sort(new.count, kept.count)) {
+            return self.sorted(gpu, scene, (map, batch), None);
+        }
 
         let mut order = self.by_key(gpu, batch, &new)?;
         if let (Some(before), Some(kept)) = (before, &kept) {
@@ -567,4 +570,12 @@ fn record_kernel(gpu: &Gpu, scene: &DeviceScene, even: bool) -> Result<Arc<Kerne
     let mut flags = scene.flags(&["nearest", "float_voxels", "anisotropic"]);
     flags.extend(even.then_some("even"));
     gpu.kernel("points_record", &flags)
+}
+
+/// Whether to sort all points rather than merge those that moved with those that were kept.
+/// On two cores (`cornell`, half a million points) marking and sorting all takes 228 ms; with
+/// seven in ten moved, sorting those and merging takes 293, and in proportion to their share.
+fn cheaper_to_sort(moved: u32, kept: u32) -> bool {
+    const BREAK_EVEN: f64 = 0.57;
+    f64::from(moved) > BREAK_EVEN * (f64::from(moved) + f64::from(kept))
 }
