@@ -26,6 +26,7 @@ fn main(
     if item >= params.items { return; }
     let photon = work[params.first_item + item];
     let id = identify(params, photon);
+    // At least 1, since the light shines as before.
     var event = unpack_task(tasks[photon]).touched;
     var before = states[(event - 1u) * params.photons + photon];
     var interactions = 0u;
