@@ -1,6 +1,7 @@
 // Marks where light changed: around every listed point.
 
 import package::constants::GROUP;
+import package::shared::counter::{UNFINISHED, count, cut_short};
 import package::shared::dirty::mark_dirty;
 import package::shared::item::item_index;
 import package::shared::points::PointsParams;
@@ -19,4 +20,5 @@ fn main(
     if i >= params.count { return; }
     let position = bitcast<vec3<f32>>(point_places[work[i]].xyz);
     mark_dirty(position, position);
+    count(UNFINISHED, u32(cut_short));
 }

@@ -8,11 +8,13 @@ import package::shared::light::emit;
 import package::shared::phase::sample_phase;
 import package::shared::random::{draw, unit4, FOR_FLIGHT, FOR_SCATTER};
 import package::shared::scene::frame;
-import package::shared::slot::{pack_direction, unpack_direction, pack_power, unpack_power};
+import package::shared::slot::{
+    pack_direction, unpack_direction, pack_power, unpack_power, scaled_power
+};
 
 struct ProbeParams {
     origin: vec3<f32>,
-    what: u32,          // 0 flight, 1 phase function, 2 emission, 3 packing
+    what: u32,          // 0 flight, 1 phase function, 2 emission, 3 packing, 4 weighing
     direction: vec3<f32>,
     count: u32,
     g: f32,
@@ -51,12 +53,21 @@ fn main(
             second[i] = vec4<f32>(e.direction, 0.0);
             third[i] = vec4<f32>(e.power, 0.0);
         }
-        default: {
+        case 3u: {
             let u = unit4(draw(frame.seed, i, 0u, FOR_SCATTER));
             let d = sample_phase(0.0, params.direction, u.xy);
             first[i] = vec4<f32>(d, 0.0);
             second[i] = vec4<f32>(unpack_direction(pack_direction(d)), 0.0);
             third[i] = vec4<f32>(unpack_power(pack_power(u.xyz * exp2(40.0 * (u.w - 0.5)))), u.w);
+        }
+        default: {
+            let u = unit4(draw(frame.seed, i, 0u, FOR_SCATTER));
+            let power = pack_power(u.xyz * exp2(150.0 * (u.w - 0.5)));
+            // From white to black, among them 1 and 0.
+            let share = vec3<u32>(u.zxy * exp2(-f32(i % 20u)) * 262145.0);
+            first[i] = vec4<f32>(unpack_power(power), 0.0);
+            second[i] = vec4<f32>(vec3<f32>(share), 0.0);
+            third[i] = vec4<f32>(unpack_power(scaled_power(power, share, i32(i % 7u))), 0.0);
         }
     }
 }

@@ -183,17 +183,19 @@ impl Fluence {
     /// Turns sums into fluence, and marks the cells that differ from before.
     ///
     /// # Errors
-    /// The device failed.
-    pub fn resolve(&mut self, gpu: &Gpu, dirty: &Dirty) -> Result<()> {
+    /// The device failed, or ended the loops that mark cells.
+    pub fn resolve(&mut self, gpu: &Gpu, dirty: &Dirty, counters: &CounterBuffer) -> Result<()> {
         std::mem::swap(&mut self.before, &mut self.view);
         let mut stage = gpu.stage("resolve");
         let cells = self.grid.iter().map(|&n| u64::from(n)).product();
         let (grid, per_sum, edge) = (self.grid, self.per_sum, self.edge);
         let mut bindings = [self.sum_bindings(), dirty.bindings()].concat();
         bindings.extend([("before", (&self.before).into()), ("fluence", (&self.view).into())]);
+        bindings.push(("counters", counters.buffer().into()));
         let params = ResolveParams { grid, per_sum, edge, pad: 0 };
         stage.dispatch(&self.resolve, cells, &bindings, &params)?;
-        stage.finish()
+        stage.finish()?;
+        counters.read(gpu)?.all_finished("fluence", "raise `grid`")
     }
 
     /// The resolved field, by the names that the segment kernel gives it.

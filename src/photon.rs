@@ -78,12 +78,12 @@ shared_struct! {
         pub stop_event: u32,
         /// 1 where the light's power changed.
         pub relit: u32,
-        /// 1 / `roulette_survival`.
-        pub roulette_gain: f32,
+        /// 1 / `roulette_survival`: this / 2^18 * 2^`roulette_doublings`.
+        pub roulette_gain: u32,
+        /// See `roulette_gain`.
+        pub roulette_doublings: i32,
         /// Keeps the size a multiple of 16.
-        pub pad0: u32,
-        /// The same.
-        pub pad1: u32,
+        pub pad: u32,
     }
 }
 
@@ -197,6 +197,7 @@ pub struct PhotonMap {
     /// Slots of each photon.
     pub max_events: u32,
     most: u32,
+    most_journaled: u32,
     journal: u32,
     old_places: wgpu::Buffer,
     old_states: wgpu::Buffer,
@@ -230,22 +231,22 @@ impl PhotonMap {
                 format!("{max_events} events do not fit a binding"),
             ));
         }
-        let largest = scene.lights.all.iter().map(|l| l.photons).max().unwrap_or(0);
         let journal = (JOURNAL_SLOTS / max_events).min(split.journal.unwrap_or(u32::MAX));
-        let journal = journal.min(most).min(largest).max(1);
-        let slots = journal as usize * max_events as usize;
+        let (roulette_gain, roulette_doublings) = eighteen_bits(settings.roulette_survival.recip());
         let mut map = Self {
             batches: Vec::new(),
             max_events,
             most,
-            journal,
-            old_places: gpu.buffer::<[u32; 4]>("journal", slots)?,
-            old_states: gpu.buffer::<[u32; 4]>("journal", slots)?,
+            most_journaled: journal.max(1),
+            journal: 0,
+            old_places: gpu.buffer::<[u32; 4]>("journal", 0)?,
+            old_states: gpu.buffer::<[u32; 4]>("journal", 0)?,
             params: PhotonParams {
                 max_events,
                 roulette_from: settings.roulette_from,
                 roulette_survival: settings.roulette_survival as f32,
-                roulette_gain: settings.roulette_survival.recip() as f32,
+                roulette_gain,
+                roulette_doublings,
                 sign: 1,
                 ..Default::default()
             },
@@ -292,6 +293,15 @@ impl PhotonMap {
                 batch.light = light;
             }
             self.batches.append(&mut own);
+        }
+        // Room in the journal for the largest batch, or for a part of it.
+        let largest = self.batches.iter().map(|b| b.photons).max().unwrap_or(0);
+        let journal = largest.min(self.most_journaled);
+        if journal > self.journal {
+            let slots = journal as usize * self.max_events as usize;
+            self.old_places = gpu.buffer::<[u32; 4]>("journal", slots)?;
+            self.old_states = gpu.buffer::<[u32; 4]>("journal", slots)?;
+            self.journal = journal;
         }
         Ok(())
     }
@@ -506,6 +516,12 @@ impl PhotonMap {
     pub fn journal_bytes(&self) -> u64 {
         self.old_places.size() + self.old_states.size()
     }
+}
+
+/// A factor from 1 on as x / 2^18 * 2^n, x being at most 2^18.
+fn eighteen_bits(factor: f64) -> (u32, i32) {
+    let doublings = factor.log2().ceil();
+    ((factor * (18.0 - doublings).exp2()).round() as u32, doublings as i32)
 }
 
 fn trace_kernel(gpu: &Gpu, scene: &DeviceScene) -> Result<Arc<Kernel>> {

@@ -13,6 +13,7 @@
 
 use std::sync::Arc;
 
+use crate::counter::CounterBuffer;
 use crate::dirty::Dirty;
 use crate::error::{Error, Result};
 use crate::frame::DeviceScene;
@@ -215,7 +216,7 @@ impl Points {
         Ok(Self {
             even,
             radius: radius as f32,
-            none: Sorted::new(gpu, Order::new(gpu, 0)?.keys, 0, &none)?,
+            none: Sorted::new(gpu, gpu.buffer::<u32>("points keys", 0)?, 0, &none)?,
             params,
             key_bits: u64::BITS - (cells - 1).leading_zeros(),
             batches: Vec::new(),
@@ -411,8 +412,8 @@ impl Points {
     /// where light changed.
     ///
     /// # Errors
-    /// The device failed.
-    pub fn compare(&mut self, gpu: &Gpu, dirty: &Dirty) -> Result<()> {
+    /// The device failed, or ended the loops that mark what is around a point.
+    pub fn compare(&mut self, gpu: &Gpu, dirty: &Dirty, counters: &CounterBuffer) -> Result<()> {
         let key = |b: &&Arc<SortedBatch>| (b.key, b.photons);
         let mut gone: Vec<_> = self.seen.iter().collect();
         let mut marked = Vec::new();
@@ -427,8 +428,8 @@ impl Points {
         for seen in gone {
             marked.push(Marked::all(gpu, seen, -1.0)?);
         }
-        self.changes = self.found(gpu, dirty, &mut marked)?;
-        Ok(())
+        self.changes = self.found(gpu, (dirty, counters), &mut marked)?;
+        counters.read(gpu)?.all_finished("points", "lower `radius`")
     }
 
     /// What went of a batch, and what came.
@@ -461,13 +462,19 @@ impl Points {
     /// Lists the marked points and marks the light around them. Takes them, unless to gather
     /// all points anew is cheaper: those that changed lie close together as a rule, so they
     /// are denser around what they touch than their share tells.
-    fn found(&self, gpu: &Gpu, dirty: &Dirty, marked: &mut [Marked]) -> Result<Changes> {
+    fn found(
+        &self,
+        gpu: &Gpu,
+        (dirty, counters): (&Dirty, &CounterBuffer),
+        marked: &mut [Marked],
+    ) -> Result<Changes> {
         let mut total = 0;
         for m in &mut *marked {
             m.list.compact(gpu, None)?;
             let count = m.list.count;
             let mut bindings = [m.batch.points.bindings(), dirty.bindings()].concat();
             bindings.push(("work", (&m.list.items).into()));
+            bindings.push(("counters", counters.buffer().into()));
             let mut stage = gpu.stage("points_dirty");
             stage.dispatch(&self.dirty, count.into(), &bindings, &self.params(count))?;
             stage.finish()?;

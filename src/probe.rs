@@ -1,4 +1,4 @@
-//! Samplers laid open: free flight, phase function, emission and packing, just as the
+//! Samplers laid open: free flight, phase function, emission, packing and weighing, just as the
 //! stages draw them, for the tests that judge them by their densities.
 
 use crate::error::Result;
@@ -40,6 +40,8 @@ pub enum What {
     Emission = 2,
     /// (direction), (the same packed and unpacked), (power packed and unpacked; its draw).
     Packing = 3,
+    /// (power), (share of 2^18), (the one times the other and 2^(i mod 7)).
+    Weighing = 4,
 }
 
 /// Draws `params.count` samples; what the three vectors of each are, [`What`] tells.

@@ -161,8 +161,7 @@ impl PhotonFrame {
         split: &Split,
         progress: &mut Progress,
     ) -> Result<Updated> {
-        self.restart();
-        self.counters.clear(gpu);
+        (self.fresh, self.pending) = (true, true);
         self.update(gpu, split, progress)
     }
 
@@ -231,10 +230,10 @@ impl PhotonFrame {
         let relit = self.relight(gpu, scene, &lights, split)?;
         self.query.add(&change);
         self.scene.edit(gpu, table, lights, &self.query);
+        let before = std::mem::replace(&mut self.source, scene.clone());
+        let repainted = scene.background != before.background;
         self.map.arrange(gpu, &self.scene.lights, &light_ids(scene))?;
         let moved = self.segments.look(scene, &self.scene)?;
-        let repainted = scene.background != self.source.background;
-        self.source = scene.clone();
         if !suits {
             self.map.respecialise(gpu, &self.scene)?;
             if let LightField::Points(points) = &mut self.field {
@@ -347,6 +346,9 @@ impl PhotonFrame {
         let rebuilds = self.pending && self.fresh;
         if self.pending {
             if rebuilds {
+                self.counters.clear(gpu);
+                // An edit may have failed before every light had its batches.
+                self.map.arrange(gpu, &self.scene.lights, &light_ids(&self.source))?;
                 self.restart();
             }
             let begun = gpu.measured_ms();
@@ -458,14 +460,14 @@ impl PhotonFrame {
                 }
                 points.build(gpu, &self.scene, (&mut self.map, reached), progress)?;
                 let lit = !self.fresh && self.source.settings.spatial != Spatial::Off;
-                if lit { points.compare(gpu, &self.dirty) } else { Ok(()) }
+                if lit { points.compare(gpu, &self.dirty, &self.counters) } else { Ok(()) }
             }
             LightField::Fluence(fluence) => {
                 if !fluence.current {
                     let map = &mut self.map;
                     fluence.sum_all(gpu, &self.scene, map, &self.counters, progress)?;
                 }
-                fluence.resolve(gpu, &self.dirty)
+                fluence.resolve(gpu, &self.dirty, &self.counters)
             }
         }
     }

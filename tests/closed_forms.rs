@@ -10,7 +10,7 @@ use glam::{DMat3, DVec3, dvec3};
 use photogram::film::Image;
 use photogram::frame::DeviceScene;
 use photogram::reference::Reference;
-use photogram::render::Progress;
+use photogram::render::{Progress, Split, render};
 use photogram::scene::{Estimator, Filter, Method, Scene};
 use photogram::volume::Volume;
 
@@ -379,4 +379,19 @@ fn without_any_light_the_photon_map_sees_the_glow_alone() {
         }
     }
     assert!(worst < 1e-4);
+}
+
+/// A sum that 52 bits cannot hold is refused, not cut to what they can.
+#[test]
+fn a_glow_beyond_the_sums_is_refused() {
+    let volume = volume();
+    let mut scene = scene(&volume, "emission = 1e6\nextinction = 0", "");
+    scene.settings.estimator = Some(Estimator::Points);
+    for emission in [1e6, 1e12, 1e30] {
+        scene.materials[0].emission = DVec3::splat(emission);
+        let error = render(gpu(), &scene, &volume, &Split::default(), &mut Progress::silent())
+            .err()
+            .expect("no such light fits");
+        assert!(error.to_string().contains("52 bits"), "{error}");
+    }
 }

@@ -573,6 +573,32 @@ fn packing_keeps_directions_to_a_ten_thousandth_and_powers_to_14_bits() {
     assert!(worst < 2f64.powi(-14) + 4e-6);
 }
 
+/// Integers all the way: what comes out is the exact product, rounded to 14 bits of the
+/// largest channel.
+#[test]
+fn weighing_is_exact_to_14_bits() {
+    let volume = askew();
+    let scene = put(LightKind::Surroundings, &volume, DVec3::ONE, 802);
+    let params = ProbeParams { count: DRAWS, ..Default::default() };
+    let [powers, shares, weighed] = draws(&scene, &volume, What::Weighing, params);
+    let (mut worst, mut black): (f64, u32) = (0.0, 0);
+    for (i, ((&power, &share), &weighed)) in powers.iter().zip(&shares).zip(&weighed).enumerate() {
+        let doublings = f64::from(i as u32 % 7);
+        let exact = vector(power) * vector(share) * (doublings - 18.0).exp2();
+        let largest = exact.max_element();
+        if largest == 0.0 {
+            assert_eq!(vector(weighed), DVec3::ZERO);
+            black += 1;
+            continue;
+        }
+        worst = worst.max((vector(weighed) - exact).abs().max_element() / largest);
+    }
+    println!("within {worst:.3e} of the largest; {black} black");
+    assert!(black > 10);
+    // Half a unit of the last of 14 bits, or a whole one where that would be the fifteenth.
+    assert!(worst <= 2f64.powi(-14));
+}
+
 #[test]
 fn a_channel_without_power_stays_without_it() {
     let medium = Layers { layers: vec![(20.0, 0.1)], majorant: 0.1 };

@@ -2,6 +2,8 @@
 // something of the light field that is not what it was. A macro-cell is DIRTY_SPLIT
 // blocks along each axis.
 
+import package::shared::counter::expect;
+
 struct DirtyGrid {
     blocks: vec3<u32>,
     spatial: u32,          // which test: exact, SPATIAL_AXES, or off
@@ -30,17 +32,23 @@ fn block_at(point: vec3<f32>) -> vec3<u32> {
 fn mark_dirty(low: vec3<f32>, high: vec3<f32>) {
     let first = block_at(low - dirty_grid.reach);
     let last = block_at(high + dirty_grid.reach);
-    for (var z = first.z; z <= last.z; z++) {
-        for (var y = first.y; y <= last.y; y++) {
-            for (var x = first.x; x <= last.x; x++) {
+    var z = first.z;
+    for (; z <= last.z; z++) {
+        var y = first.y;
+        for (; y <= last.y; y++) {
+            var x = first.x;
+            for (; x <= last.x; x++) {
                 let block = block_index(vec3<u32>(x, y, z));
                 let bit = 1u << (block & 31u);
                 if (atomicLoad(&dirty[block >> 5u]) & bit) == 0u {
                     atomicOr(&dirty[block >> 5u], bit);
                 }
             }
+            expect(x > last.x);
         }
+        expect(y > last.y);
     }
+    expect(z > last.z);
 }
 
 fn is_dirty(block: vec3<i32>) -> bool {

@@ -6,7 +6,7 @@ import package::shared::random::{draw, unit, unit4, FOR_SCATTER};
 import package::shared::scene::{optics, scattering};
 import package::constants::CHANGE_FALLEN;
 import package::shared::slot::{
-    Slot, INTERACTION, slot_kind, slot_entry, unpack_direction, pack_direction, unpack_power, pack_power
+    Slot, INTERACTION, slot_kind, slot_entry, unpack_direction, pack_direction, scaled_power
 };
 
 struct PhotonParams {
@@ -28,9 +28,9 @@ struct PhotonParams {
     first_event: u32,      // the window of events that a dispatch traces
     stop_event: u32,
     relit: u32,            // 1: the light's power changed
-    roulette_gain: f32,    // 1 / roulette_survival
-    pad0: u32,
-    pad1: u32,
+    roulette_gain: u32,    // 1 / roulette_survival: this / 2^18 * 2^doublings
+    roulette_doublings: i32,
+    pad: u32,
 }
 
 // What is to be done with a photon: from `touched` on its power is found again; from
@@ -70,8 +70,7 @@ fn identify(params: PhotonParams, photon: u32) -> Identity {
 }
 
 // Implicit capture: the weight takes the albedo; past a given event a roulette with a
-// fixed probability may end the photon, with no power left. Neither moves it. Products
-// alone, which every kernel must round alike.
+// fixed probability may end the photon, with no power left. Neither moves it.
 fn weigh(
     id: Identity,
     event: u32,
@@ -79,12 +78,13 @@ fn weigh(
     entry: u32,
     params: PhotonParams,
 ) -> vec2<u32> {
-    var power = unpack_power(arriving) * scattering[entry].rgb;
-    if event >= params.roulette_from {
-        let survives = unit(draw(id.stream, id.index, event, FOR_SCATTER).z) < params.roulette_survival;
-        power = select(vec3<f32>(0.0), power * params.roulette_gain, survives);
-    }
-    return pack_power(power);
+    // Exact products and one rounding each, whatever the compiler makes of them.
+    let albedo = vec3<u32>(min(scattering[entry].rgb, vec3<f32>(1.0)) * 262144.0 + 0.5);
+    let power = scaled_power(arriving, albedo, 0);
+    if event < params.roulette_from { return power; }
+    let survives = unit(draw(id.stream, id.index, event, FOR_SCATTER).z) < params.roulette_survival;
+    if !survives { return vec2<u32>(0u); }
+    return scaled_power(power, vec3<u32>(params.roulette_gain), params.roulette_doublings);
 }
 
 // Where an interaction sends the photon, packed.

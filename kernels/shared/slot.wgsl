@@ -38,6 +38,22 @@ fn power_of_two(exponent: i32) -> f32 {
 
 // Three 14-bit mantissas under one exponent: 3e-5 of the largest channel. Fifty bits;
 // the upper 14 of the second word stay free for the entry and the kind.
+fn pack_mantissas(m: vec3<u32>, exponent: i32) -> vec2<u32> {
+    return vec2<u32>(m.x | (m.y << 14u) | (m.z << 28u), (m.z >> 4u) | (u32(exponent + 128) << 10u));
+}
+
+fn mantissas(words: vec2<u32>) -> vec3<u32> {
+    return vec3<u32>(
+        words.x & 16383u,
+        (words.x >> 14u) & 16383u,
+        (words.x >> 28u) | ((words.y & 1023u) << 4u)
+    );
+}
+
+fn power_exponent(words: vec2<u32>) -> i32 {
+    return i32((words.y >> 10u) & 255u) - 128;
+}
+
 fn pack_power(power: vec3<f32>) -> vec2<u32> {
     let largest = max(power.x, max(power.y, power.z));
     if !(largest > 1e-30) {
@@ -46,20 +62,32 @@ fn pack_power(power: vec3<f32>) -> vec2<u32> {
     let exponent = clamp(i32((bitcast<u32>(largest) >> 23u) & 255u) - 126, -100, 100);
     let scaled = power * power_of_two(14 - exponent) + 0.5;
     let m = min(vec3<u32>(max(scaled, vec3<f32>(0.0))), vec3<u32>(16383u));
-    return vec2<u32>(m.x | (m.y << 14u) | (m.z << 28u), (m.z >> 4u) | (u32(exponent + 128) << 10u));
+    return pack_mantissas(m, exponent);
 }
 
 fn unpack_power(words: vec2<u32>) -> vec3<f32> {
-    let exponent = i32((words.y >> 10u) & 255u) - 128;
-    let m = vec3<u32>(
-        words.x & 16383u,
-        (words.x >> 14u) & 16383u,
-        (words.x >> 28u) | ((words.y & 1023u) << 4u)
-    );
+    let m = mantissas(words);
     if all(m == vec3<u32>(0u)) {
         return vec3<f32>(0.0);
     }
-    return vec3<f32>(m) * power_of_two(exponent - 14);
+    return vec3<f32>(m) * power_of_two(power_exponent(words) - 14);
+}
+
+// A packed power times `share` / 2^18 * 2^doublings, the share being at most 2^18: in
+// integers, so that every kernel and every device finds the same.
+fn scaled_power(words: vec2<u32>, share: vec3<u32>, doublings: i32) -> vec2<u32> {
+    let product = mantissas(words) * share;  // below 2^32
+    let largest = max(product.x, max(product.y, product.z));
+    let bits = 32 - i32(countLeadingZeros(largest));
+    let exponent = min(power_exponent(words) + bits - 32 + doublings, 100);
+    if largest == 0u || exponent < -99 {
+        return vec2<u32>(0u);
+    }
+    var m = product << vec3<u32>(u32(max(14 - bits, 0)));
+    if bits > 14 {
+        m = ((product >> vec3<u32>(u32(bits - 15))) + 1u) >> vec3<u32>(1u);
+    }
+    return pack_mantissas(min(m, vec3<u32>(16383u)), exponent);
 }
 
 fn slot_place(s: Slot) -> vec4<u32> {

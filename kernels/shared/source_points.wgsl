@@ -45,7 +45,7 @@ fn with_point(i: u32, q: Query, so_far: Gathered) -> Gathered {
     let r = rounded(abs(share.r));
     let g = rounded(abs(share.g));
     let b = rounded(abs(share.b));
-    let gone = (bitcast<u32>(light.r) >> 31u) == 1u;
+    let gone = any(light.rgb < vec3<f32>(0.0));
     return Gathered(
         Sums(
             merged(so_far.sums.red, r.value, gone),

@@ -25,11 +25,12 @@ fn total(sum: vec2<u32>, more: vec2<u32>) -> vec2<u32> {
     return vec2<u32>(low, sum.y + more.y + select(0u, 1u, low < more.x));
 }
 
-// A contribution that may be larger than 32 bits, rounded once.
+// A contribution that may be larger than 32 bits, rounded once. What is beyond 2^63 stays
+// above all that a sum may be.
 fn rounded_wide(contribution: f32) -> vec2<u32> {
     if contribution < LARGEST { return vec2<u32>(rounded(contribution).value, 0u); }
-    let high = floor(contribution / 4294967296.0);
-    return vec2<u32>(u32(contribution - high * 4294967296.0), u32(min(high, 1048575.0)));
+    let high = floor(min(contribution, 9223372036854775808.0) / 4294967296.0);
+    return vec2<u32>(u32(contribution - high * 4294967296.0), u32(high));
 }
 
 fn sum_to_float(sum: vec2<u32>) -> f32 {

@@ -420,5 +420,4 @@ const MIB: f64 = 1024.0 * 1024.0;
 
 const STORAGE: wgpu::BufferUsages = wgpu::BufferUsages::STORAGE
     .union(wgpu::BufferUsages::COPY_SRC)
-    .union(wgpu::BufferUsages::COPY_DST)
-    .union(wgpu::BufferUsages::INDIRECT);
+    .union(wgpu::BufferUsages::COPY_DST);

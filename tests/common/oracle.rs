@@ -33,6 +33,8 @@ pub struct Found {
     pub relied_on: [u64; 2],
     /// Bits that masks have, and that they need.
     pub bits: [[u64; 2]; 2],
+    /// Bits that some mask cannot do without.
+    pub needed: [u64; 2],
 }
 
 impl Found {
@@ -49,6 +51,8 @@ impl Found {
         let least = values.iter().fold(0, |m, any| m | any & any.wrapping_neg());
         self.bits[which][0] += u64::from(mask.count_ones());
         self.bits[which][1] += u64::from(least.count_ones());
+        let single = values.iter().filter(|any| any.is_power_of_two());
+        self.needed[which] |= single.fold(0, |m, bit| m | bit);
     }
 }
 

@@ -14,8 +14,9 @@ use photogram::volume::Volume;
 pub struct Snapshot {
     /// (place, state) of event k of photon p, photon by photon.
     pub slots: Vec<[[u32; 4]; 2]>,
-    /// The light field's words.
+    /// The light field's words: cells in their order, or points in theirs.
     pub field: Vec<[u32; 8]>,
+    pub has_points: bool,
     pub segments: Vec<Segment>,
     pub pixels: Vec<[u32; 3]>,
     pub counts: Counters,
@@ -51,7 +52,8 @@ pub fn snapshot(gpu: &Gpu, frame: &PhotonFrame) -> Snapshot {
             (0..r.len()).map(cell).collect()
         }
     };
-    if matches!(frame.field, LightField::Points(_)) && frame.map.batches.len() > 1 {
+    let has_points = matches!(frame.field, LightField::Points(_));
+    if has_points && frame.map.batches.len() > 1 {
         // Each batch is sorted on its own; together they hold the same points.
         field.sort_unstable();
     }
@@ -60,6 +62,7 @@ pub fn snapshot(gpu: &Gpu, frame: &PhotonFrame) -> Snapshot {
     Snapshot {
         slots,
         field,
+        has_points,
         segments,
         pixels: image.rgb.iter().map(|p| p.map(f32::to_bits)).collect(),
         counts: frame.counts(gpu).expect("reads"),
@@ -78,7 +81,9 @@ impl Snapshot {
     }
 
     pub fn points_in_any_order(mut self) -> Self {
-        self.field.sort_unstable();
+        if self.has_points {
+            self.field.sort_unstable();
+        }
         self
     }
 

@@ -1,15 +1,17 @@
 //! A small world that edits are tried on.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use photogram::frame::DeviceScene;
 use photogram::render::{Progress, Split};
-use photogram::scene::{Estimator, Filter, LightKind, Scene, Weighting};
+use photogram::scene::{
+    CameraPlace, Estimator, Filter, LightKind, Material, Scene, Spatial, Weighting,
+};
 use photogram::update::{PhotonFrame, Scope, Updated};
 use photogram::volume::Volume;
 
 use super::gpu;
 
-/// A small world: a point light and surroundings, three tissues over a 24^3 hand.
+/// A small world: a point light and surroundings, three tissues over a hand of 32 voxels.
 pub const WORLD: &str = r#"
 [volume]
 phantom = "hand"
@@ -114,6 +116,113 @@ pub const CLASSES: [&str; 16] = [
     "camera",
 ];
 
+/// A random scene: size, spacing, orientation and type of the volume, three tissues over
+/// blobs, lights of all kinds, settings.
+pub fn random_world(dice: &mut Dice) -> (Scene, Volume) {
+    let size = [0; 3].map(|_| 8 + dice.below(20) as u32);
+    let spacing = DVec3::new(0.5 + dice.unit(), 0.5 + dice.unit(), 0.5 + dice.unit());
+    let turned = DMat3::from_axis_angle(random_direction(dice), 6.0 * dice.unit());
+    let mirror = DMat3::from_diagonal(DVec3::new([-1.0, 1.0][dice.below(2)], 1.0, 1.0));
+    let origin = 50.0 * random_direction(dice);
+    let levels = blobs(size, dice);
+    // Values of a level, so that a ramp is the same whatever the type.
+    let (volume, value): (_, fn(f64) -> f64) = match dice.below(3) {
+        0 => (Volume::new(size, spacing, turned * mirror, origin, levels), |x| x),
+        1 => {
+            let values: Vec<i16> = levels.iter().map(|&x| i16::from(x) * 13 - 1000).collect();
+            (Volume::new(size, spacing, turned, origin, values), |x| 13.0 * x - 1000.0)
+        }
+        _ => {
+            let values: Vec<f32> = levels.iter().map(|&x| f32::from(x) * 0.25 + 3.0).collect();
+            (Volume::new(size, spacing, turned, origin, values), |x| 0.25 * x + 3.0)
+        }
+    };
+    let volume = volume.expect("a sound volume");
+    let mut scene = super::scene_over(&volume, &WORLD[WORLD.find("[camera]").expect("a camera")..]);
+    for material in &mut scene.materials {
+        let (low, width) = (200.0 * dice.unit(), 20.0 + 100.0 * dice.unit());
+        material.ramp = [(0.0, 0.0), (0.2, 1.0), (0.7, 1.0), (1.0, 0.0)]
+            .map(|(at, weight)| [value(low + at * width), weight])
+            .to_vec();
+        material.extinction = 1.9 * dice.unit().powi(3);
+        material.colour = DVec3::new(dice.unit(), dice.unit(), dice.unit());
+    }
+    scene.filter = [Filter::Linear, Filter::Nearest][dice.below(2)];
+    scene.camera.place =
+        CameraPlace::Around { from: random_direction(dice), zoom: 1.0 + dice.unit() };
+    scene.camera.up = random_direction(dice);
+    (scene.camera.width, scene.camera.height) =
+        (5 + dice.below(18) as u32, 5 + dice.below(18) as u32);
+    let kinds = [
+        LightKind::PointAround { from: random_direction(dice), distance: 0.3 + 2.0 * dice.unit() },
+        LightKind::Directional { direction: random_direction(dice) },
+        LightKind::RectangleAround { from: random_direction(dice), distance: 2.0, size: 1.0 },
+        LightKind::Surroundings,
+    ];
+    let first = dice.below(4);
+    for (i, light) in scene.lights.iter_mut().enumerate() {
+        light.kind = kinds[(first + i) % 4];
+        light.emitted = DVec3::new(dice.unit(), dice.unit(), dice.unit()) * 10.0;
+        light.share = 0.2 + 0.6 * dice.unit();
+    }
+    let settings = &mut scene.settings;
+    settings.estimator = Some([Estimator::Fluence, Estimator::Points][dice.below(2)]);
+    settings.weighting = [Weighting::Even, Weighting::Plain][dice.below(2)];
+    settings.spatial = [Spatial::Exact, Spatial::Exact, Spatial::Axes][dice.below(3)];
+    settings.skip_empty = dice.below(4) > 0;
+    settings.photons = 400 + dice.below(600) as u64;
+    settings.max_events = 1 + dice.below(7) as u32;
+    settings.roulette_from = 1 + dice.below(4) as u32;
+    settings.roulette_survival = 0.5 + 0.5 * dice.unit();
+    settings.radius = Some(spacing.min_element() * (0.7 + 2.0 * dice.unit()));
+    settings.grid = 0.3 + 0.7 * dice.unit();
+    settings.segments = 1 + dice.below(7) as u32;
+    settings.step = 0.5 + dice.unit();
+    settings.seed = dice.roll();
+    settings.flux_unit = None;
+    scene.settle(&volume);
+    // Sums of more than one word.
+    scene.settings.flux_unit =
+        scene.settings.flux_unit.map(|unit| unit * 0.5_f64.powi(dice.below(14) as i32));
+    (scene, volume)
+}
+
+/// A unit vector.
+fn random_direction(dice: &mut Dice) -> DVec3 {
+    loop {
+        let v = 2.0 * DVec3::new(dice.unit(), dice.unit(), dice.unit()) - 1.0;
+        if v.length() > 0.1 && v.length() < 1.0 {
+            return v.normalize();
+        }
+    }
+}
+
+/// Ellipsoids of random levels, the later ones before the others.
+fn blobs(size: [u32; 3], dice: &mut Dice) -> Vec<u8> {
+    let size = size.map(f64::from);
+    let mut place = |low: f64, high: f64| size.map(|n| n * (low + (high - low) * dice.unit()));
+    let bodies: Vec<_> = (0..8).map(|_| (place(0.1, 0.9), place(0.1, 0.5))).collect();
+    let levels: Vec<u8> = (0..8).map(|_| 20 + dice.below(236) as u8).collect();
+    let mut voxels = Vec::new();
+    for k in 0..size[2] as u32 {
+        for j in 0..size[1] as u32 {
+            for i in 0..size[0] as u32 {
+                let at = [i, j, k].map(f64::from);
+                let within = |(centre, radii): &([f64; 3], [f64; 3])| {
+                    (0..3).map(|a| ((at[a] - centre[a]) / radii[a]).powi(2)).sum::<f64>() < 1.0
+                };
+                voxels.push(bodies.iter().rposition(within).map_or(0, |body| levels[body]));
+            }
+        }
+    }
+    voxels
+}
+
+fn shift(material: &mut Material, spans: f64) {
+    let ends = (material.ramp[0][0], material.ramp[material.ramp.len() - 1][0]);
+    material.ramp.iter_mut().for_each(|p| p[0] += spans * (ends.1 - ends.0));
+}
+
 /// One random edit of the given class.
 pub fn random_edit(scene: &mut Scene, class: &str, dice: &mut Dice, home: &Scene) {
     let m = dice.below(scene.materials.len().max(1));
@@ -133,16 +242,12 @@ pub fn random_edit(scene: &mut Scene, class: &str, dice: &mut Dice, home: &Scene
             material.scatter = 1.0;
         }
         "absorbing" => material.scatter = 0.0,
-        "moved window" => {
-            let by = 60.0 * (dice.unit() - 0.5);
-            material.ramp.iter_mut().for_each(|p| p[0] += by);
-        }
+        "moved window" => shift(material, 0.2 * (dice.unit() - 0.5)),
         "removed" => drop(scene.materials.remove(m)),
         "added" => {
             let mut new = home.materials[dice.below(home.materials.len())].clone();
             new.name = format!("new {}", dice.roll());
-            let by = 400.0 * (dice.unit() - 0.5);
-            new.ramp.iter_mut().for_each(|p| p[0] += by);
+            shift(&mut new, dice.unit() - 0.5);
             scene.materials.push(new);
         }
         // Off as often as on.
@@ -156,9 +261,12 @@ pub fn random_edit(scene: &mut Scene, class: &str, dice: &mut Dice, home: &Scene
         "phase" => material.scatter = dice.unit(),
         "light power" => scene.lights[light].emitted *= DVec3::new(0.5, 1.5, dice.unit()),
         "light moved" => {
-            let kind = &mut scene.lights[0].kind;
-            if let LightKind::Point { position } = kind {
-                position.x += 20.0 * (dice.unit() - 0.5);
+            let by = DVec3::new(dice.unit(), dice.unit(), dice.unit()) - 0.5;
+            match &mut scene.lights[light].kind {
+                LightKind::Point { position } => *position += 20.0 * by,
+                LightKind::Rectangle { corner, .. } => *corner += 20.0 * by,
+                LightKind::Directional { direction } => *direction += 0.5 * by,
+                _ => {}
             }
         }
         "light gone or back" => match scene.lights.len() {
