@@ -12,7 +12,7 @@ import package::shared::counter::{
 };
 import package::shared::item::item_index;
 import package::shared::scene::{
-    frame, optics, emission, cell_masks, entry_at, bin_bit, cell_index
+    frame, optics, emission, cell_masks, entry_at, bin_of, bin_bit, cell_index
 };
 import package::shared::segment::{SegmentParams, Span, span_of, TRANSMITTANCE, HISTORY};
 @if(!fluence) import package::shared::segment_sums::{Sums, SUM_WORDS, unpack_sums, pack_high};
@@ -52,7 +52,7 @@ fn interval(ray: Line, t: f32, length: f32, march: ptr<function, March>) {
     let point = ray.origin + ray.direction * t;
     let entry = entry_at(point);
     let o = optics[entry];
-    @if(history) { (*march).history |= bin_bit(o.bin); }
+    @if(history) { (*march).history |= bin_bit(bin_of(entry)); }
     (*march).samples++;
     let passed = exp(-o.extinction * length);
     let lost = (*march).transmittance * (1.0 - passed);

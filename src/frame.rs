@@ -218,6 +218,7 @@ impl DeviceScene {
             ("history", self.history),
             ("anisotropic", anisotropic),
             ("emission", emission),
+            ("listed_bins", self.bins != Bins::uniform(self.bins.mark_classes)),
         ];
         all.iter().filter(|(flag, on)| *on && known.contains(flag)).map(|(flag, _)| *flag).collect()
     }

@@ -565,8 +565,15 @@ impl SegmentMap {
 }
 
 fn segment_kernel(gpu: &Gpu, device: &DeviceScene, field: &LightField) -> Result<Arc<Kernel>> {
-    let mut flags =
-        device.flags(&["nearest", "float_voxels", "anisotropic", "emission", "history", "skip"]);
+    let mut flags = device.flags(&[
+        "nearest",
+        "float_voxels",
+        "anisotropic",
+        "emission",
+        "history",
+        "skip",
+        "listed_bins",
+    ]);
     match field {
         LightField::Fluence(_) => flags.push("fluence"),
         LightField::Points(points) => flags.extend(points.even.then_some("even")),

@@ -18,7 +18,7 @@
 import package::shared::counter::expect;
 import package::shared::random::{pcg4d, unit, exponential};
 import package::shared::scene::{
-    frame, optics, cell_layers, entry_at, bin_bit, cell_index
+    frame, optics, cell_layers, entry_at, bin_of, bin_bit, cell_index
 };
 import package::constants::LAYERS;
 import package::shared::slot::power_of_two;
@@ -86,7 +86,7 @@ fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>, known: Known) ->
                 result.tentative++;
                 let entry = entry_at(origin + direction * t);
                 let o = optics[entry];
-                @if(history) { result.history |= bin_bit((o.bin & values) | mark_class); }
+                @if(history) { result.history |= bin_bit((bin_of(entry) & values) | mark_class); }
                 let mark = floor_of_marks + unit(words.y) * width;
                 if mark * frame.majorant < o.extinction {
                     // The first real collision of this layer; another may still be nearer.

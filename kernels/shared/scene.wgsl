@@ -25,7 +25,7 @@ struct Frame {
 // progress changes of it.
 struct Optics {
     extinction: f32,  // 1/mm
-    bin: u32,
+    bin: u32,         // see `bin_of`
     changes: u32,
 }
 
@@ -69,7 +69,14 @@ fn entry_at(point: vec3<f32>) -> u32 {
     return entry_of(mix(mix(x00, x10, f.y), mix(x01, x11, f.y), f.z));
 }
 
-// The historygram of one table entry, H(11) with the top bin mended.
+// The bin of a table entry: equal bins are not looked up, which is what most of the time
+// that histories take would go to.
+fn bin_of(entry: u32) -> u32 {
+    @if(listed_bins) return optics[entry].bin;
+    @if(!listed_bins) return entry / (TABLE_ENTRIES / 64u);
+}
+
+// The historygram of one bin, H(11) with the top bin mended.
 fn bin_bit(bin: u32) -> vec2<u32> {
     return select(vec2<u32>(0u, 1u << (bin & 31u)), vec2<u32>(1u << bin, 0u), bin < 32u);
 }

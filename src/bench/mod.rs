@@ -117,13 +117,16 @@ fn typical(costs: &[Cost]) -> Cost {
 }
 
 /// The median; NaN of nothing.
-fn median(mut values: Vec<f64>) -> f64 {
+fn median(values: Vec<f64>) -> f64 {
+    quantile(values, 0.5)
+}
+
+/// What a share of the values lies below, between two of them in proportion; NaN of nothing.
+fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
-    match values.len() {
-        0 => f64::NAN,
-        n if n % 2 == 1 => values[n / 2],
-        n => (values[n / 2 - 1] + values[n / 2]) / 2.0,
-    }
+    let at = share * values.len().saturating_sub(1) as f64;
+    let of = |i: f64| values.get(i as usize).copied().unwrap_or(f64::NAN);
+    of(at.floor()) + (of(at.ceil()) - of(at.floor())) * at.fract()
 }
 
 fn percent(part: u64, whole: u64) -> f64 {

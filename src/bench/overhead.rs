@@ -2,7 +2,7 @@
 
 use serde_json::json;
 
-use super::{Effort, Report, Sheet, built_in, median, without_histories};
+use super::{Effort, Report, Sheet, built_in, median, quantile, without_histories};
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::measure;
@@ -17,7 +17,17 @@ const SCENES: [&str; 5] = ["hand", "cornell", "engine", "torso", "kidneys"];
 /// Memory does not suffice; the device failed.
 pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report> {
     let mut report = Report::new(gpu, "overhead", effort);
-    let columns = ["scene", "light field", "without ms", "with ms", "overhead %", "of tracing %"];
+    let columns = [
+        "scene",
+        "light field",
+        "events",
+        "without ms",
+        "with ms",
+        "overhead %",
+        "lower quartile %",
+        "upper quartile %",
+        "of tracing %",
+    ];
     let mut sheet = Sheet::new("overhead", &columns);
     for (i, name) in SCENES.into_iter().enumerate() {
         for estimator in [Estimator::Fluence, Estimator::Points] {
@@ -25,8 +35,10 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
             let mut scene = built_in(name)?;
             scene.scale(effort.scale);
             scene.settings.estimator = Some(estimator);
-            // As few events as the paper has: gathers are dear.
-            scene.settings.max_events = 2;
+            if estimator == Estimator::Points {
+                // As few events as the paper has: gathers are dear.
+                scene.settings.max_events = 2;
+            }
             let volume = scene.volume.load()?;
             scene.settle(&volume);
             let silent = &mut Progress::silent();
@@ -42,16 +54,23 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
                     trace[i].push(p.photons);
                 }
             }
+            // Of each pair of neighbouring runs: the machine is not as fast at all times.
+            let overheads = |[without, with]: &[Vec<f64>; 2]| -> Vec<f64> {
+                without.iter().zip(with).map(|(a, b)| 100.0 * (b / a - 1.0)).collect()
+            };
+            let (whole, traced) = (overheads(&kernels), overheads(&trace));
             let [without, with] = kernels.map(median);
-            let [trace_without, trace_with] = trace.map(median);
             let round = |x: f64| json!((x * 100.0).round() / 100.0);
             sheet.rows.push(vec![
                 json!(name),
                 json!(estimator.to_string()),
+                json!(scene.settings.max_events),
                 round(without),
                 round(with),
-                round(100.0 * (with / without - 1.0)),
-                round(100.0 * (trace_with / trace_without - 1.0)),
+                round(median(whole.clone())),
+                round(quantile(whole.clone(), 0.25)),
+                round(quantile(whole, 0.75)),
+                round(median(traced)),
             ]);
         }
     }

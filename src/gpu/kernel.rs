@@ -24,7 +24,7 @@ pub const KERNELS: &[(&str, &[&str])] = &[
     ("scan_add", &[]),
     ("sort_count", &[]),
     ("sort_scatter", &[]),
-    ("trace", &["nearest", "float_voxels", "anisotropic", "history", "skip"]),
+    ("trace", &["nearest", "float_voxels", "anisotropic", "history", "skip", "listed_bins"]),
     ("photon_query", &[]),
     ("list_rank", &[]),
     ("list", &[]),
@@ -56,12 +56,13 @@ pub const KERNELS: &[(&str, &[&str])] = &[
             "emission",
             "history",
             "skip",
+            "listed_bins",
         ],
     ),
     ("segment_query", &[]),
     ("composite", &["points"]),
     ("reference", &["nearest", "float_voxels", "anisotropic", "emission"]),
-    ("probe", &["nearest", "float_voxels", "anisotropic", "history", "skip"]),
+    ("probe", &["nearest", "float_voxels", "anisotropic", "history", "skip", "listed_bins"]),
 ];
 
 /// A compiled kernel.
