@@ -14,6 +14,8 @@ import package::constants::GROUP;
 @group(0) @binding(13) var<storage, read> new_slots: array<u32>;
 @group(0) @binding(14) var<storage, read_write> keys: array<u32>;
 @group(0) @binding(15) var<storage, read_write> slots: array<u32>;
+// which point each was before, plus one; 0: none
+@group(0) @binding(16) var<storage, read_write> sources: array<u32>;
 
 struct Point {
     key: u32,
@@ -55,4 +57,6 @@ fn main(
     let place = low + select(i, i - params.first, is_new);
     keys[place] = own.key;
     slots[place] = own.slot;
+    sources[place] = 0u;
+    if !is_new { sources[place] = kept[i] + 1u; }
 }

@@ -16,7 +16,7 @@ use std::sync::Arc;
 use crate::counter::CounterBuffer;
 use crate::dirty::Dirty;
 use crate::error::{Error, Result};
-use crate::frame::DeviceScene;
+use crate::frame::{DeviceScene, words};
 use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
@@ -55,9 +55,24 @@ shared_struct! {
         pub sign: f32,
         /// Buckets from one whose begin is looked for to the next.
         pub step: u32,
+        /// Which means are known, a [`Known`].
+        pub known: u32,
+        /// Bins whose extinction changed since.
+        pub changed: [u32; 2],
         /// Keeps the size a multiple of 16.
-        pub pad0: u32,
+        pub pad: [u32; 2],
     }
+}
+
+/// Of which points the mean extinction around them was found before.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Known {
+    /// Of none.
+    None,
+    /// Of those that were other points before.
+    BySource,
+    /// Of all, which are what they were.
+    All,
 }
 
 /// Slots in the order of their cells' keys, equal ones in their own.
@@ -65,14 +80,20 @@ struct Order {
     count: u32,
     keys: wgpu::Buffer,
     slots: wgpu::Buffer,
+    /// Which point each was before, where some are kept.
+    sources: wgpu::Buffer,
+    known: Known,
 }
 
 impl Order {
-    fn new(gpu: &Gpu, count: u32) -> Result<Self> {
+    fn new(gpu: &Gpu, count: u32, known: Known) -> Result<Self> {
+        let sources = if known == Known::BySource { count } else { 0 };
         Ok(Self {
             count,
             keys: gpu.buffer::<u32>("points keys", count as usize)?,
             slots: gpu.buffer::<u32>("points slots", count as usize)?,
+            sources: gpu.buffer::<u32>("points sources", sources as usize)?,
+            known,
         })
     }
 }
@@ -129,6 +150,8 @@ struct SortedBatch {
     points: Sorted,
     /// The slot of each point.
     slots: wgpu::Buffer,
+    /// The mean extinction around each, 1/mm, where `even` divides by it.
+    means: wgpu::Buffer,
 }
 
 /// What differs from what the segments have seen.
@@ -175,6 +198,7 @@ pub struct Points {
     keep: Arc<Kernel>,
     key: Arc<Kernel>,
     merge: Arc<Kernel>,
+    mean: Arc<Kernel>,
     record: Arc<Kernel>,
     starts: Arc<Kernel>,
     number: Arc<Kernel>,
@@ -226,6 +250,7 @@ impl Points {
             keep: gpu.kernel("points_keep", &[])?,
             key: gpu.kernel("points_key", &[])?,
             merge: gpu.kernel("points_merge", &[])?,
+            mean: gpu.kernel("points_mean", &scene.flags(&["nearest", "float_voxels"]))?,
             record: record_kernel(gpu, scene, even)?,
             starts: gpu.kernel("points_starts", &[])?,
             number: gpu.kernel("points_number", &[])?,
@@ -256,7 +281,8 @@ impl Points {
         self.batches.clear();
     }
 
-    /// Sorts the live slots of the batches that changed, and records them or `all` points.
+    /// Sorts the live slots of the batches that changed, and records them or `all` points;
+    /// `changed` has the bins whose extinction changed since the segments were computed.
     ///
     /// # Errors
     /// The device failed.
@@ -264,24 +290,53 @@ impl Points {
         &mut self,
         gpu: &Gpu,
         scene: &DeviceScene,
-        (map, all): (&mut PhotonMap, bool),
+        map: &mut PhotonMap,
+        (all, changed): (bool, u64),
         progress: &mut Progress,
     ) -> Result<()> {
         let total = map.batches.len();
         let before = std::mem::take(&mut self.batches);
         self.changes = Changes::None;
+        self.params.changed = words(changed);
         for i in 0..total {
             let batch = &map.batches[i];
-            let own = of_batch(&before, batch);
-            let sorted = match own {
+            let now = match of_batch(&before, batch) {
                 Some(own) if !all && !batch.stale => own.clone(),
-                _ => Arc::new(self.sorted(gpu, scene, (map, batch), own.map(Arc::as_ref))?),
+                Some(own) if !batch.stale => Arc::new(self.same(gpu, scene, batch, own)?),
+                own => Arc::new(self.sorted(gpu, scene, (map, batch), own.map(Arc::as_ref))?),
             };
-            self.batches.push(sorted);
+            self.batches.push(now);
             map.batches[i].stale = false;
             progress.at("sort", i as u64 + 1, total as u64);
         }
         Ok(())
+    }
+
+    /// The points as they were, with the light that they have now.
+    fn same(
+        &self,
+        gpu: &Gpu,
+        scene: &DeviceScene,
+        batch: &Batch,
+        before: &SortedBatch,
+    ) -> Result<SortedBatch> {
+        let count = before.points.count;
+        let order = Order {
+            count,
+            keys: before.points.keys.clone(),
+            slots: before.slots.clone(),
+            sources: gpu.buffer::<u32>("points sources", 0)?,
+            known: Known::All,
+        };
+        let points = Sorted {
+            count,
+            keys: before.points.keys.clone(),
+            places: before.points.places.clone(),
+            lights: gpu.buffer::<[f32; 4]>("point lights", count as usize)?,
+            starts: before.points.starts.clone(),
+            field: before.points.field.clone(),
+        };
+        self.recorded(gpu, scene, (batch, before.all_slots), (order, points), Some(before))
     }
 
     /// The live slots of a batch in order. Points of `before` that are where they were keep
@@ -310,17 +365,45 @@ impl Points {
         if let (Some(before), Some(kept)) = (before, &kept) {
             order = self.merged(gpu, (before, kept), &order)?;
         }
-        let Order { count, keys, slots } = order;
-        let points = Sorted::new(gpu, keys, count, &self.params)?;
-        let key = (batch.light_id, batch.first_index);
-        let sorted = SortedBatch { key, photons: batch.photons, all_slots, points, slots };
-        let mut bindings = [scene.bindings(), batch.bindings(), sorted.points.bindings()].concat();
-        bindings.push(("slots", (&sorted.slots).into()));
-        let mut stage = gpu.stage("points_record");
-        stage.dispatch(&self.record, count.into(), &bindings, &self.params(count))?;
-        self.find(&mut stage, &bindings, &self.params(count))?;
+        let points = Sorted::new(gpu, order.keys.clone(), order.count, &self.params)?;
+        let now = self.recorded(gpu, scene, (batch, all_slots), (order, points), before)?;
+        let mut stage = gpu.stage("points_starts");
+        self.find(&mut stage, &now.points.bindings(), &self.params(now.points.count))?;
         stage.finish()?;
-        Ok(sorted)
+        Ok(now)
+    }
+
+    /// Records what a gather needs of the ordered points.
+    fn recorded(
+        &self,
+        gpu: &Gpu,
+        scene: &DeviceScene,
+        (batch, all_slots): (&Batch, u32),
+        (order, points): (Order, Sorted),
+        before: Option<&SortedBatch>,
+    ) -> Result<SortedBatch> {
+        let Order { count, slots, sources, known, .. } = order;
+        let none = gpu.buffer::<f32>("point means", 0)?;
+        let means = match self.even {
+            true => gpu.buffer::<f32>("point means", count as usize)?,
+            false => none.clone(),
+        };
+        let mut bindings = [scene.bindings(), batch.bindings(), points.bindings()].concat();
+        bindings.extend([
+            ("slots", (&slots).into()),
+            ("sources", (&sources).into()),
+            ("known_means", before.map_or(&none, |before| &before.means).into()),
+            ("means", (&means).into()),
+        ]);
+        let params = PointsParams { known: known as u32, ..self.params(count) };
+        let mut stage = gpu.stage("points_record");
+        if self.even {
+            stage.dispatch(&self.mean, count.into(), &bindings, &params)?;
+        }
+        stage.dispatch(&self.record, count.into(), &bindings, &params)?;
+        stage.finish()?;
+        let key = (batch.light_id, batch.first_index);
+        Ok(SortedBatch { key, photons: batch.photons, all_slots, points, slots, means })
     }
 
     /// The points that are where they were. Their slots are no longer `new`.
@@ -351,7 +434,7 @@ impl Points {
 
     /// The listed slots, sorted.
     fn by_key(&self, gpu: &Gpu, batch: &Batch, list: &WorkList) -> Result<Order> {
-        let order = Order::new(gpu, list.count)?;
+        let order = Order::new(gpu, list.count, Known::None)?;
         let bindings = [
             ("places", (&batch.places).into()),
             ("work", (&list.items).into()),
@@ -373,7 +456,7 @@ impl Points {
         (before, kept): (&SortedBatch, &WorkList),
         new: &Order,
     ) -> Result<Order> {
-        let all = Order::new(gpu, kept.count + new.count)?;
+        let all = Order::new(gpu, kept.count + new.count, Known::BySource)?;
         let bindings = [
             ("kept", (&kept.items).into()),
             ("seen_keys", (&before.points.keys).into()),
@@ -382,6 +465,7 @@ impl Points {
             ("new_slots", (&new.slots).into()),
             ("keys", (&all.keys).into()),
             ("slots", (&all.slots).into()),
+            ("sources", (&all.sources).into()),
         ];
         let params = PointsParams { first: kept.count, ..self.params(all.count) };
         let mut stage = gpu.stage("points_merge");
@@ -491,7 +575,7 @@ impl Points {
 
     /// All marked points, sorted together.
     fn taken(&self, gpu: &Gpu, marked: &[Marked], total: u32) -> Result<Sorted> {
-        let Order { keys, slots: order, .. } = Order::new(gpu, total)?;
+        let Order { keys, slots: order, .. } = Order::new(gpu, total, Known::None)?;
         let sorted = Sorted::new(gpu, keys, total, &self.params)?;
         let places = gpu.buffer::<[u32; 4]>("point places", total as usize)?;
         let lights = gpu.buffer::<[f32; 4]>("point lights", total as usize)?;
@@ -564,7 +648,7 @@ impl Points {
 
     /// Bytes of the sorted points and their tables.
     pub fn bytes(&self) -> u64 {
-        self.batches.iter().map(|b| b.points.bytes() + b.slots.size()).sum()
+        self.batches.iter().map(|b| b.points.bytes() + b.slots.size() + b.means.size()).sum()
     }
 }
 
@@ -574,7 +658,7 @@ fn of_batch<'a>(all: &'a [Arc<SortedBatch>], batch: &Batch) -> Option<&'a Arc<So
 }
 
 fn record_kernel(gpu: &Gpu, scene: &DeviceScene, even: bool) -> Result<Arc<Kernel>> {
-    let mut flags = scene.flags(&["nearest", "float_voxels", "anisotropic"]);
+    let mut flags = scene.flags(&["anisotropic"]);
     flags.extend(even.then_some("even"));
     gpu.kernel("points_record", &flags)
 }

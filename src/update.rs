@@ -458,7 +458,9 @@ impl PhotonFrame {
                 if self.fresh {
                     points.forget();
                 }
-                points.build(gpu, &self.scene, (&mut self.map, reached), progress)?;
+                let changed = self.query.mask(CHANGE_RISEN | CHANGE_FALLEN, &self.scene.bins);
+                let what = (reached, changed);
+                points.build(gpu, &self.scene, &mut self.map, what, progress)?;
                 let lit = !self.fresh && self.source.settings.spatial != Spatial::Off;
                 if lit { points.compare(gpu, &self.dirty, &self.counters) } else { Ok(()) }
             }
