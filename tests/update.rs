@@ -331,6 +331,29 @@ fn an_edit_inside_a_skipped_macro_cell_is_found() {
     }
 }
 
+/// The mean extinction around a point depends on what its ball reaches in the next macro-cell.
+#[test]
+fn a_ball_reaches_into_the_next_macro_cell() {
+    // Flesh in one macro-cell, bone in the next, and nothing between.
+    let (mut scene, volume) = few_values(Estimator::Points, 16, |[i, _, _]| match i {
+        0..8 => 100,
+        8 => 0,
+        _ => 2000,
+    });
+    scene.settings.radius = Some(2.5);
+    scene.materials[0].extinction = 0.2;
+    scene.materials[0].ramp = vec![[50.0, 1.0], [150.0, 1.0]];
+    let mut bone = scene.materials[0].clone();
+    (bone.name, bone.extinction) = ("bone".into(), 0.1);
+    bone.ramp = vec![[1900.0, 1.0], [2100.0, 1.0]];
+    scene.materials.push(bone);
+    let mut frame = frame(&scene, &volume, &Split::default());
+    scene.materials[1].extinction = 0.11;
+    let (_, done) = update(&mut frame, &scene, &Split::default());
+    assert!(done.counts.changed > 0 && done.counts.changed < done.photons / 2, "{done:?}");
+    assert_eq!(difference(&frame, &scene, &volume), None);
+}
+
 #[test]
 fn lights_come_into_the_dark() {
     for estimator in [Estimator::Fluence, Estimator::Points] {
