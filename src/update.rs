@@ -39,6 +39,9 @@ pub enum Scope {
 pub struct ListBytes {
     /// Tasks and work lists of photons.
     pub photons: u64,
+    /// What comparing points takes while an update runs, at most: all of them twice, their
+    /// lists, and what finds them by slot.
+    pub points: u64,
     /// Old slots of the photons that are worked on.
     pub journal: u64,
     /// Work lists of segments, and marks of changed light.
@@ -510,6 +513,10 @@ impl PhotonFrame {
     pub fn list_bytes(&self) -> ListBytes {
         ListBytes {
             photons: self.map.list_bytes(),
+            points: match &self.field {
+                LightField::Points(points) => points.update_bytes(),
+                LightField::Fluence(_) => 0,
+            },
             journal: self.map.journal_bytes(),
             segments: self.segments.list_bytes() + self.dirty.bytes(),
         }

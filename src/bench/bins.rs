@@ -4,11 +4,12 @@
 
 use serde_json::json;
 
-use super::{Effort, Report, Sheet, built_in, edited, percent};
+use super::{Effort, Report, Sheet, built_in, edited, median, percent};
 use crate::error::Result;
 use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
-use crate::photon::State;
+use crate::measure;
+use crate::photon::{SLOT_BYTES, State};
 use crate::query::{CHANGE_FALLEN, Query};
 use crate::render::{Progress, Split};
 use crate::scene::Scene;
@@ -43,6 +44,8 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
         "flights, history per slot %",
         "flights, history per photon %",
         "segments %",
+        "slot B",
+        "full ms",
         "update ms",
     ];
     let mut sheet = Sheet::new("bins", &columns);
@@ -76,19 +79,28 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
             let silent = &mut Progress::silent();
             let device = DeviceScene::with_bins(gpu, &scene, &volume, bins)?;
             let mut frame = PhotonFrame::new(gpu, &scene, device, 1, &Split::default())?;
-            frame.rebuild(gpu, &Split::default(), silent)?;
+            let mut costs = Vec::new();
+            for _ in 0..effort.runs {
+                costs.push(measure::rebuild(gpu, &mut frame, silent)?.1.total);
+            }
+            let full = median(costs);
             let flights = flights(gpu, &frame, &after)?;
             let edit = edited(gpu, &mut frame, (&scene, &after), effort.runs, silent)?;
             let (u, c) = (&edit.updated, &edit.updated.counts);
             (photons, changed) = (u.photons, c.changed);
             let mut row = start(label, c.invalid, (photons, changed), flights);
-            row.extend([round(percent(u.recomputed, u.segments)), round(edit.cost.total)]);
+            row.extend([
+                round(percent(u.recomputed, u.segments)),
+                json!(SLOT_BYTES),
+                round(full),
+                round(edit.cost.total),
+            ]);
             sheet.rows.push(row);
         }
         for (label, classes) in [("128 values", 1), ("64 x 2", 2), ("32 x 4", 4), ("16 x 8", 8)] {
             let flights = two_words(gpu, (&scene, &after), &volume, classes)?;
             let mut row = start(label, flights.invalid, (photons, changed), flights);
-            row.extend([json!(null), json!(null)]);
+            row.extend([json!(null), json!(SLOT_BYTES + 8), json!(null), json!(null)]);
             sheet.rows.push(row);
         }
     }

@@ -109,11 +109,12 @@ const COLUMNS: [&str; 29] = [
     "above paper",
 ];
 
-const MEMORY: [&str; 7] = [
+const MEMORY: [&str; 8] = [
     "edit",
     "variant",
     "history B/photon",
     "lists B/photon",
+    "points at most B/photon",
     "journal MiB",
     "history MiB/segment layer",
     "lists MiB/segment layer",
@@ -142,8 +143,8 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
         }
     }
     report.notes.push(
-        "touched: photons whose flights or whose light the edit may change, also in per cent of \
-         those that interact at all, since many miss the phantoms in their bounds; retraced: \
+        "touched: photons whose flights or whose light the edit may change, also of those alone \
+         that interact at all, since many miss the phantoms in their bounds; retraced: \
          photons with a flight that is flown again, all of it or in part; reweighed: photons with \
          a slot of which only the power was found again; precision: changed / (retraced or \
          reweighed). Mismatches are against a rebuild by the same kernels; the paper's settings \
@@ -222,7 +223,7 @@ fn measured(
         round(full.cost.total),
         round(100.0 * (kernels(&kept) / kernels(&full) - 1.0)),
         round(percent(touched.photons, photons)),
-        round(percent(touched.photons, touched.interacting)),
+        round(percent(touched.of_interacting, touched.interacting)),
         round(percent(counts.invalid, photons)),
         round(percent(counts.reweighed, photons)),
         round(percent(counts.changed, photons)),
@@ -258,6 +259,7 @@ fn measured(
         json!(variant.name),
         per_photon(8 * u64::from(row.events) * photons),
         per_photon(lists.photons),
+        per_photon(lists.points),
         round(lists.journal as f64 / 1_048_576.0),
         per_layer(8 * updated.segments),
         per_layer(lists.segments),
@@ -265,9 +267,13 @@ fn measured(
     Ok(speedup)
 }
 
+#[derive(Default)]
 struct Touched {
     photons: u64,
+    /// Photons that interact at all.
     interacting: u64,
+    /// Those of them that are touched.
+    of_interacting: u64,
 }
 
 /// Photons that an edit may change, by the histories and entries of their slots: more than
@@ -277,7 +283,7 @@ fn touched(gpu: &Gpu, frame: &PhotonFrame, after: &Scene) -> Result<Touched> {
     let device = &frame.scene;
     let table = device.table_of(after);
     let query = Query::between(&device.table, &table, &device.bins, device.frame.majorant);
-    let mut found = Touched { photons: 0, interacting: 0 };
+    let mut found = Touched::default();
     for batch in &frame.map.batches {
         let states = gpu.read::<State>("table 1", &batch.states)?;
         let photons = batch.photons as usize;
@@ -287,8 +293,10 @@ fn touched(gpu: &Gpu, frame: &PhotonFrame, after: &Scene) -> Result<Touched> {
                 let changed = query.changes[state.entry()] != 0;
                 state.history() & query.risen != 0 || state.interacts() && changed
             });
+            let interacts = states[photon].interacts();
             found.photons += u64::from(hit);
-            found.interacting += u64::from(states[photon].interacts());
+            found.interacting += u64::from(interacts);
+            found.of_interacting += u64::from(hit && interacts);
         }
     }
     Ok(found)

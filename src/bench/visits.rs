@@ -23,16 +23,37 @@ const SCENES: [(&str, Estimator); 7] = [
     ("kidneys", Estimator::Points),
 ];
 
-/// A stage's kernels and what it visits.
+/// A stage's kernels and what it visits. Sorting points has no visits of its own: the photons
+/// that changed stand for them.
 type Stage = (&'static str, &'static [&'static str], fn(&Counters) -> u64);
 
-const STAGES: [Stage; 3] = [
+const STAGES: [Stage; 4] = [
     (
         "trace",
         &["trace", "weigh", "photon_query", "journal", "compare", "list_rank", "list"],
         |c| c.steps + c.tentative,
     ),
     ("deposit", &["deposit", "resolve"], |c| c.deposits),
+    (
+        "points",
+        &[
+            "points_mark",
+            "points_keep",
+            "points_key",
+            "sort_count",
+            "sort_scatter",
+            "points_merge",
+            "points_mean",
+            "points_record",
+            "points_starts",
+            "points_number",
+            "points_match",
+            "points_dirty",
+            "points_take",
+            "points_arrange",
+        ],
+        |c| c.changed,
+    ),
     ("segment", &["segment", "segment_query", "composite"], |c| c.samples + c.gathered),
 ];
 
@@ -95,7 +116,7 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
                     rows.map(|t| t.ms).sum()
                 };
                 let count = |e: &Edited| visits(&e.updated.counts);
-                if count(&full) == 0 {
+                if count(&full) == 0 || ms(&full) == 0.0 {
                     continue;
                 }
                 let share = count(&edit) as f64 / count(&full) as f64;
@@ -138,16 +159,15 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
         log_x: true,
         series,
     });
-    let column = |sheet: &Sheet, name: &str, value: bool| {
-        let at = sheet.columns.iter().position(|c| c == name).unwrap_or_default();
-        sheet.rows.iter().filter(|r| r[at] == json!(value)).count()
-    };
-    report.notes.push(format!(
-        "{} edits; of {} stages {} are within the bound",
-        whole.rows.len(),
-        sheet.rows.len(),
-        column(&sheet, "within", true)
-    ));
+    let at = |name: &str| columns.iter().position(|c| *c == name).unwrap_or_default();
+    let [stage_at, within_at] = [at("stage"), at("within")];
+    report.notes.push(format!("{} edits", whole.rows.len()));
+    for (stage, ..) in STAGES {
+        let rows = sheet.rows.iter().filter(|row| row[stage_at] == json!(stage));
+        let within = rows.clone().filter(|row| row[within_at] == json!(true)).count();
+        let all = rows.count();
+        report.notes.push(format!("{stage}: {within} of {all} are within the bound"));
+    }
     report.sheets = vec![sheet, whole];
     Ok(report)
 }
