@@ -55,7 +55,7 @@ shared_struct! {
         pub sign: f32,
         /// Buckets from one whose begin is looked for to the next.
         pub step: u32,
-        /// Which means are known, a [`Known`].
+        /// Which means are known: 0 none, 1 those of points that others were, 2 all.
         pub known: u32,
         /// Bins whose extinction changed since.
         pub changed: [u32; 2],

@@ -23,18 +23,18 @@ fn photon_map(
     volume: &Volume,
     estimator: (Estimator, Weighting),
     size: f64,
-    (photons, rays): (u64, u32),
+    photons: u64,
 ) -> Image {
     let mut scene = scene.clone();
     let settings = &mut scene.settings;
     (settings.estimator, settings.weighting) = (Some(estimator.0), estimator.1);
     (settings.radius, settings.grid) = (Some(size), size.min(1.0));
-    (settings.photons, settings.rays, settings.step) = (photons, rays, 0.25);
+    (settings.photons, settings.rays, settings.step) = (photons, 4, 0.25);
     rendered(&scene, volume).image
 }
 
 /// Energy in the limit of an infinitely small radius or cell, the error being taken as
-/// proportional to it. For the mean of an image a ray a pixel is enough.
+/// proportional to it.
 fn limit_of_energy(
     scene: &Scene,
     volume: &Volume,
@@ -43,7 +43,7 @@ fn limit_of_energy(
     photons: u64,
 ) -> f64 {
     let energy =
-        |size| mean(&photon_map(scene, volume, (estimator, weighting), size, (photons, 1))) / truth;
+        |size| mean(&photon_map(scene, volume, (estimator, weighting), size, photons)) / truth;
     let [coarse, fine] = sizes.map(energy);
     println!("{label}: energy {coarse:.4}, {fine:.4}, limit {:.4}", 2.0 * fine - coarse);
     2.0 * fine - coarse
@@ -73,7 +73,7 @@ fn errors_fall_with_photons_and_with_size() {
     let (scene, volume) = truth_scene("knuckle");
     let (truth, _) = truth_image("knuckle");
     let error = |estimator, size, photons| {
-        let image = photon_map(&scene, &volume, estimator, size, (photons, 4));
+        let image = photon_map(&scene, &volume, estimator, size, photons);
         Metrics::of(&image, &truth).expect("comparable")
     };
     let even = (Estimator::Points, Weighting::Even);
@@ -130,7 +130,7 @@ fn every_truth_is_met() {
         ("cloud_forward", Estimator::Points, 2.0, 0.02),
     ] {
         let (scene, volume) = truth_scene(name);
-        let image = photon_map(&scene, &volume, (estimator, Weighting::Even), size, (200_000, 4));
+        let image = photon_map(&scene, &volume, (estimator, Weighting::Even), size, 200_000);
         let m = Metrics::of(&image, &truth_image(name).0).expect("comparable");
         println!("{name}: relMSE {:.4}, energy {:.4}", m.rel_mse, m.energy);
         assert!(m.rel_mse < bound && (m.energy - 1.0).abs() < 0.07, "{name}");
