@@ -1,4 +1,4 @@
-// Marks what was never computed: words of a repeating pattern.
+// Words of a repeating pattern, that may rise from one to the next.
 
 import package::shared::item::item_index;
 import package::constants::GROUP;
@@ -8,8 +8,8 @@ struct FillParams {
     high: vec4<u32>,
     period: u32,   // words of the pattern, at most 8
     count: u32,    // words to fill
-    pad0: u32,
-    pad1: u32,
+    rise: u32,     // added to a word for each before it
+    pad: u32,
 }
 
 @group(0) @binding(8) var<uniform> params: FillParams;
@@ -24,5 +24,6 @@ fn main(
     let word = item_index(group, groups, local);
     if word >= params.count { return; }
     let at = word % params.period;
-    data[word] = select(params.high[at & 3u], params.low[at & 3u], at < 4u);
+    let pattern = select(params.high[at & 3u], params.low[at & 3u], at < 4u);
+    data[word] = pattern + params.rise * word;
 }

@@ -66,7 +66,10 @@ impl Counters {
 }
 
 /// The counters on the device.
-pub struct CounterBuffer(wgpu::Buffer);
+pub struct CounterBuffer {
+    counters: wgpu::Buffer,
+    saved: wgpu::Buffer,
+}
 
 impl CounterBuffer {
     /// Counters at zero.
@@ -74,22 +77,38 @@ impl CounterBuffer {
     /// # Errors
     /// The device refuses.
     pub fn new(gpu: &Gpu) -> Result<Self> {
-        gpu.buffer::<Counters>("counters", 1).map(Self)
+        let counters = || gpu.buffer::<Counters>("counters", 1);
+        Ok(Self { counters: counters()?, saved: counters()? })
     }
 
     /// The buffer that the kernels count in.
     pub fn buffer(&self) -> &wgpu::Buffer {
-        &self.0
+        &self.counters
     }
 
     /// Sets them to zero.
     pub fn clear(&self, gpu: &Gpu) {
-        self.restore(gpu, &Counters::default());
+        gpu.write(&self.counters, &[Counters::default()]);
     }
 
-    /// Sets them back to what they were, before work that must be done again.
-    pub fn restore(&self, gpu: &Gpu, counters: &Counters) {
-        gpu.write(&self.0, &[*counters]);
+    /// Notes what they are, before work that may have to be done again.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn save(&self, gpu: &Gpu) -> Result<()> {
+        let mut stage = gpu.stage("counters");
+        stage.copy(&self.counters, &self.saved, self.saved.size());
+        stage.finish()
+    }
+
+    /// Sets them to what they were when they were saved.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn restore(&self, gpu: &Gpu) -> Result<()> {
+        let mut stage = gpu.stage("counters");
+        stage.copy(&self.saved, &self.counters, self.saved.size());
+        stage.finish()
     }
 
     /// Reads them.
@@ -97,6 +116,6 @@ impl CounterBuffer {
     /// # Errors
     /// The device failed.
     pub fn read(&self, gpu: &Gpu) -> Result<Counters> {
-        Ok(gpu.read::<Counters>("counters", &self.0)?[0])
+        Ok(gpu.read::<Counters>("counters", &self.counters)?[0])
     }
 }

@@ -15,7 +15,7 @@ use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
-use crate::gpu::run::{Bindings, Stage};
+use crate::gpu::run::{Bindings, Pace, Stage};
 use crate::photon::{PhotonMap, PhotonParams};
 use crate::render::{CONTRIBUTION, Progress};
 use crate::scene::Settings;
@@ -60,6 +60,7 @@ pub struct Fluence {
     view: wgpu::TextureView,
     deposit: Arc<Kernel>,
     resolve: Arc<Kernel>,
+    pace: Pace,
 }
 
 fn texture(gpu: &Gpu, grid: [u32; 3]) -> wgpu::Texture {
@@ -120,6 +121,7 @@ impl Fluence {
             view,
             deposit: gpu.kernel("deposit", &[])?,
             resolve: gpu.kernel("resolve", &[])?,
+            pace: Pace::new(1 << 14),
         })
     }
 
@@ -176,15 +178,16 @@ impl Fluence {
             };
             stage.dispatch(&self.deposit, items, &bindings, &params)
         };
-        gpu.sliced("deposit", total, 1 << 14, work, &mut |n| progress.at("deposit", n, total))?;
-        counters.read(gpu)?.all_finished("deposit", "lower `grid`")
+        let progress = &mut |n| progress.at("deposit", n, total);
+        gpu.sliced("deposit", total, &self.pace, work, progress)
     }
 
     /// Turns sums into fluence, and marks the cells that differ from before.
     ///
     /// # Errors
-    /// The device failed, or ended the loops that mark cells.
+    /// The device failed, or ended the loops that deposited flights or mark cells.
     pub fn resolve(&mut self, gpu: &Gpu, dirty: &Dirty, counters: &CounterBuffer) -> Result<()> {
+        counters.read(gpu)?.all_finished("deposit", "lower `grid`")?;
         std::mem::swap(&mut self.before, &mut self.view);
         let mut stage = gpu.stage("resolve");
         let cells = self.grid.iter().map(|&n| u64::from(n)).product();

@@ -96,11 +96,11 @@ pub fn update(
     scene: &Scene,
     progress: &mut Progress,
 ) -> Result<(Scope, Updated, Cost)> {
-    gpu.take_timings();
+    gpu.take_timings()?;
     let begun = Instant::now();
     let scope = frame.edit(gpu, scene, &Split::default())?;
     let updated = frame.update(gpu, &Split::default(), progress)?;
-    Ok((scope, updated, cost(gpu, begun, &updated)))
+    Ok((scope, updated, cost(gpu, begun, &updated)?))
 }
 
 /// Rebuilds a frame, its memory and kernels being there before the clock runs.
@@ -112,10 +112,11 @@ pub fn rebuild(
     frame: &mut PhotonFrame,
     progress: &mut Progress,
 ) -> Result<(Updated, Cost)> {
-    gpu.take_timings();
+    gpu.take_timings()?;
     let begun = Instant::now();
     let rebuilt = frame.rebuild(gpu, &Split::default(), progress)?;
-    Ok((rebuilt, cost(gpu, begun, &rebuilt)))
+    let cost = cost(gpu, begun, &rebuilt)?;
+    Ok((rebuilt, cost))
 }
 
 /// A frame with one ray a pixel, of which nothing is computed yet.
@@ -127,9 +128,10 @@ pub fn fresh(gpu: &Gpu, scene: &Scene, volume: &Volume) -> Result<PhotonFrame> {
     PhotonFrame::new(gpu, scene, device, 1, &Split::default())
 }
 
-fn cost(gpu: &Gpu, begun: Instant, updated: &Updated) -> Cost {
+fn cost(gpu: &Gpu, begun: Instant, updated: &Updated) -> Result<Cost> {
+    gpu.wait("measure")?;
     let total = milliseconds(begun.elapsed());
-    Cost { stages: gpu.take_timings().rows().to_vec(), total, phases: updated.phases }
+    Ok(Cost { stages: gpu.take_timings()?.rows().to_vec(), total, phases: updated.phases })
 }
 
 /// What differs between two frames of the same scene.

@@ -21,7 +21,7 @@ use crate::frame::{DeviceScene, words};
 use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
-use crate::gpu::run::Bindings;
+use crate::gpu::run::{Bindings, Pace};
 use crate::light::Lights;
 use crate::render::{Progress, Split};
 use crate::scene::Settings;
@@ -183,10 +183,9 @@ impl Batch {
     /// # Errors
     /// The device failed.
     pub fn list_all(&mut self, gpu: &Gpu, shuffle: Option<u64>) -> Result<()> {
-        self.list.fill(gpu, shuffle);
         let mut stage = gpu.stage("list");
         stage.clear(&self.tasks);
-        stage.finish()
+        self.list.fill(stage, shuffle)
     }
 }
 
@@ -208,6 +207,8 @@ pub struct PhotonMap {
     query: Arc<Kernel>,
     copy: Arc<Kernel>,
     compare: Arc<Kernel>,
+    trace_pace: Pace,
+    weigh_pace: Pace,
 }
 
 impl PhotonMap {
@@ -255,6 +256,8 @@ impl PhotonMap {
             query: gpu.kernel("photon_query", &[])?,
             copy: gpu.kernel("journal", &[])?,
             compare: gpu.kernel("compare", &[])?,
+            trace_pace: Pace::new(1 << 14),
+            weigh_pace: Pace::new(1 << 14),
         };
         map.arrange(gpu, &scene.lights, ids)?;
         Ok(map)
@@ -329,8 +332,7 @@ impl PhotonMap {
         let mut stage = gpu.stage("photon_query");
         batch.list.unmark(&mut stage);
         stage.dispatch(&self.query, batch.photons.into(), &bindings, &params)?;
-        stage.finish()?;
-        batch.list.compact(gpu, split.shuffle)
+        batch.list.compact(stage, split.shuffle)
     }
 
     /// What the kernels are told about a batch.
@@ -421,7 +423,7 @@ impl PhotonMap {
         (batch, part, journaled): (&Batch, Range<u32>, bool),
         progress: &mut Progress,
     ) -> Result<()> {
-        let before = counters.read(gpu)?;
+        counters.save(gpu)?;
         for window in [EVENTS_AT_ONCE, 1] {
             self.trace_windows(gpu, scene, counters, (batch, part.clone(), window), progress)?;
             let after = counters.read(gpu)?;
@@ -435,7 +437,7 @@ impl PhotonMap {
                 let remedy = "lower `majorant` and the extinctions, or the volume's resolution";
                 after.all_finished("trace", remedy)?;
             }
-            counters.restore(gpu, &before);
+            counters.restore(gpu)?;
         }
         Ok(())
     }
@@ -465,7 +467,7 @@ impl PhotonMap {
             }
             Ok(())
         };
-        gpu.sliced("trace", total, 1 << 14, work, &mut |n| progress.at("trace", n, total))
+        gpu.sliced("trace", total, &self.trace_pace, work, &mut |n| progress.at("trace", n, total))
     }
 
     /// Weighs again a part of a batch's work list in which no flight is invalid and no light
@@ -482,7 +484,7 @@ impl PhotonMap {
         (batch, part): (&Batch, Range<u32>),
         progress: &mut Progress,
     ) -> Result<bool> {
-        let before = counters.read(gpu)?;
+        counters.save(gpu)?;
         let mut bindings = [scene.bindings(), batch.bindings()].concat();
         bindings.push(("counters", counters.buffer().into()));
         let total = u64::from(part.end - part.start);
@@ -494,10 +496,12 @@ impl PhotonMap {
             };
             stage.dispatch(&self.weigh, range.end - range.start, &bindings, &params)
         };
-        gpu.sliced("weigh", total, 1 << 14, work, &mut |n| progress.at("weigh", n, total))?;
+        gpu.sliced("weigh", total, &self.weigh_pace, work, &mut |n| {
+            progress.at("weigh", n, total)
+        })?;
         let done = counters.read(gpu)?.unfinished == 0;
         if !done {
-            counters.restore(gpu, &before);
+            counters.restore(gpu)?;
         }
         Ok(done)
     }

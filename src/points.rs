@@ -356,7 +356,7 @@ impl Points {
         stage.dispatch(&self.mark, all_slots.into(), &bindings, &self.params(all_slots))?;
         stage.finish()?;
         let kept = before.map(|before| self.kept(gpu, before, batch, &new)).transpose()?;
-        new.compact(gpu, None)?;
+        new.compact(gpu.stage("list"), None)?;
         if kept.as_ref().is_some_and(|kept| cheaper_to_sort(new.count, kept.count)) {
             return self.sorted(gpu, scene, (map, batch), None);
         }
@@ -427,8 +427,7 @@ impl Points {
         let mut stage = gpu.stage("points_keep");
         kept.unmark(&mut stage);
         stage.dispatch(&self.keep, count.into(), &bindings, &self.params(count))?;
-        stage.finish()?;
-        kept.compact(gpu, None)?;
+        kept.compact(stage, None)?;
         Ok(kept)
     }
 
@@ -554,7 +553,7 @@ impl Points {
     ) -> Result<Changes> {
         let mut total = 0;
         for m in &mut *marked {
-            m.list.compact(gpu, None)?;
+            m.list.compact(gpu.stage("list"), None)?;
             let count = m.list.count;
             let mut bindings = [m.batch.points.bindings(), dirty.bindings()].concat();
             bindings.push(("work", (&m.list.items).into()));

@@ -10,6 +10,7 @@ use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
+use crate::gpu::run::Pace;
 use crate::render::Progress;
 use crate::scene::{Method, Scene};
 use crate::segment::{SegmentParams, camera_params};
@@ -47,6 +48,7 @@ pub struct Reference {
     deviations: wgpu::Buffer,
     counters: CounterBuffer,
     kernel: Arc<Kernel>,
+    pace: Pace,
 }
 
 impl Reference {
@@ -77,6 +79,7 @@ impl Reference {
             deviations: gpu.buffer::<[f32; 4]>("reference deviations", pixels)?,
             counters: CounterBuffer::new(gpu)?,
             kernel: gpu.kernel("reference", &flags)?,
+            pace: Pace::new(1 << 13),
         })
     }
 
@@ -134,7 +137,7 @@ impl Reference {
             gpu.sliced(
                 "reference",
                 pixels,
-                1 << 13,
+                &self.pace,
                 |stage, range| {
                     let params = SegmentParams {
                         first_item: range.start as u32,
@@ -148,6 +151,8 @@ impl Reference {
                     progress.at("reference", u64::from(done) * pixels + n * u64::from(now), all);
                 },
             )?;
+            // So that `progress` tells what is done, not what is to come.
+            gpu.wait("reference")?;
             self.path.first_sample += now;
         }
         Ok(())

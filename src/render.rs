@@ -132,7 +132,7 @@ pub fn render(
     progress: &mut Progress,
 ) -> Result<Rendered> {
     let begun = Instant::now();
-    gpu.take_timings();
+    gpu.take_timings()?;
     let device = DeviceScene::new(gpu, scene, volume)?;
     let mut report = Report {
         adapter: gpu.report().name.clone(),
@@ -169,7 +169,7 @@ pub fn render(
         let (image, error) = reference.image(gpu)?;
         (image, Some(error))
     };
-    report.stages = gpu.take_timings().rows().to_vec();
+    report.stages = gpu.take_timings()?.rows().to_vec();
     report.total_ms = milliseconds(begun.elapsed());
     Ok(Rendered { image, error, report })
 }

@@ -19,7 +19,7 @@ use crate::frame::{DeviceScene, words};
 use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
-use crate::gpu::run::{Bindings, Stage};
+use crate::gpu::run::{Bindings, Pace, Stage};
 use crate::points::Points;
 use crate::render::{CONTRIBUTION, Progress, Split};
 use crate::scene::{Camera, Scene};
@@ -200,6 +200,8 @@ pub struct SegmentMap {
     segment: Arc<Kernel>,
     query: Arc<Kernel>,
     composite: Arc<Kernel>,
+    gather_pace: Pace,
+    correct_pace: Pace,
 }
 
 impl SegmentMap {
@@ -276,6 +278,8 @@ impl SegmentMap {
                 "composite",
                 if matches!(field, LightField::Points(_)) { &["points"] } else { &[] },
             )?,
+            gather_pace: Pace::new(1 << 12),
+            correct_pace: Pace::new(1 << 12),
         })
     }
 
@@ -336,7 +340,7 @@ impl SegmentMap {
             for i in 0..self.bands.len() {
                 // Between rays a band holds another ray's segments.
                 if self.bands[i].fresh || rays > 1 {
-                    self.bands[i].list.fill(gpu, split.shuffle);
+                    self.bands[i].list.fill(gpu.stage("list"), split.shuffle)?;
                     recomputed += self.gather(stage, (i, ray), &mut parts)?;
                 } else if let Some(runs) = stage.field.changes() {
                     // Where nothing was read but light, light alone is corrected.
@@ -393,9 +397,8 @@ impl SegmentMap {
         let mut dispatch = stage.gpu.stage("segment_query");
         band.list.unmark(&mut dispatch);
         dispatch.dispatch(&self.query, items.into(), &bindings, &params)?;
-        dispatch.finish()?;
-        stage.counters.read(stage.gpu)?.all_finished("segment_query", "raise `segments`")?;
-        band.list.compact(stage.gpu, split.shuffle)
+        band.list.compact(dispatch, split.shuffle)?;
+        stage.counters.read(stage.gpu)?.all_finished("segment_query", "raise `segments`")
     }
 
     /// Computes the listed segments of a band from the whole light field. Where the driver
@@ -407,7 +410,7 @@ impl SegmentMap {
         if listed == 0 {
             return Ok(0);
         }
-        let before = counters.read(gpu)?;
+        counters.save(gpu)?;
         let (runs, most) = match stage.field {
             LightField::Fluence(fluence) => {
                 (vec![Run { bindings: fluence.bindings(), points: 0 }], 1)
@@ -423,7 +426,7 @@ impl SegmentMap {
             if *parts >= most {
                 after.all_finished("segment", "raise `segments`, or lower `radius`")?;
             }
-            counters.restore(gpu, &before);
+            counters.restore(gpu)?;
             *parts *= 4;
         }
     }
@@ -441,13 +444,13 @@ impl SegmentMap {
         if listed == 0 {
             return Ok(0);
         }
-        let before = stage.counters.read(stage.gpu)?;
+        stage.counters.save(stage.gpu)?;
         self.gather_runs(stage, at, runs, (*parts, 0))?;
         if stage.counters.read(stage.gpu)?.unfinished == 0 {
             return Ok(listed.into());
         }
         // Half-corrected sums are of no use: all is gathered.
-        stage.counters.restore(stage.gpu, &before);
+        stage.counters.restore(stage.gpu)?;
         self.gather(stage, at, parts)
     }
 
@@ -487,7 +490,8 @@ impl SegmentMap {
                     let params = SegmentParams { first_item, items, ..params };
                     slice.dispatch(&self.segment, items.into(), &bindings, &params)
                 };
-                stage.gpu.sliced("segment", count, 1 << 12, work, &mut |_| ())?;
+                let pace = if begins == 1 { &self.gather_pace } else { &self.correct_pace };
+                stage.gpu.sliced("segment", count, pace, work, &mut |_| ())?;
             }
         }
         Ok(())

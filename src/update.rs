@@ -354,22 +354,22 @@ impl PhotonFrame {
                 self.map.arrange(gpu, &self.scene.lights, &light_ids(&self.source))?;
                 self.restart();
             }
-            let begun = gpu.measured_ms();
+            let begun = gpu.measured_ms()?;
             done.listed = self.list_photons(gpu, split)?;
             if !self.photons(gpu, done.listed, progress)? || progress.stops("light field") {
                 return Ok(done);
             }
-            let traced = gpu.measured_ms();
+            let traced = gpu.measured_ms()?;
             self.light_field(gpu, progress)?;
             if progress.stops("segments") {
                 return Ok(done);
             }
-            let lit = gpu.measured_ms();
+            let lit = gpu.measured_ms()?;
             [done.recomputed, done.segments] = self.view(gpu, split, progress)?;
             done.phases = Phases {
                 photons: traced - begun,
                 light_field: lit - traced,
-                segments: gpu.measured_ms() - lit,
+                segments: gpu.measured_ms()? - lit,
             };
             self.settle(gpu)?;
         }

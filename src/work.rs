@@ -29,10 +29,10 @@ shared_struct! {
         pub period: u32,
         /// Words to fill.
         pub count: u32,
+        /// Added to a word for each before it.
+        pub rise: u32,
         /// Keeps the size a multiple of 16.
-        pub pad0: u32,
-        /// The same.
-        pub pad1: u32,
+        pub pad: u32,
     }
 }
 
@@ -49,6 +49,7 @@ pub struct WorkList {
     scanner: Scanner,
     rank: Arc<Kernel>,
     list: Arc<Kernel>,
+    fill: Arc<Kernel>,
 }
 
 impl WorkList {
@@ -67,13 +68,25 @@ impl WorkList {
             scanner: Scanner::new(gpu, words + 1)?,
             rank: gpu.kernel("list_rank", &[])?,
             list: gpu.kernel("list", &[])?,
+            fill: gpu.kernel("fill", &[])?,
         })
     }
 
-    /// Lists all items; `shuffle` puts them in another order.
-    pub fn fill(&mut self, gpu: &Gpu, shuffle: Option<u64>) {
+    /// Lists all items, as the end of a stage; `shuffle` puts them in another order.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn fill(&mut self, mut stage: Stage, shuffle: Option<u64>) -> Result<()> {
         self.count = self.capacity;
-        gpu.write(&self.items, &shuffled((0..self.capacity).collect(), shuffle));
+        if shuffle.is_some() {
+            stage.gpu().write(&self.items, &shuffled((0..self.capacity).collect(), shuffle));
+        } else {
+            let params =
+                FillParams { period: 1, count: self.capacity, rise: 1, ..Default::default() };
+            let data = [("data", (&self.items).into())];
+            stage.dispatch(&self.fill, self.capacity.into(), &data, &params)?;
+        }
+        stage.finish()
     }
 
     /// Marks no item.
@@ -89,11 +102,12 @@ impl WorkList {
         fill(gpu, "list", &self.marks, &[u32::MAX])
     }
 
-    /// Lists the marked items, in their order.
+    /// Lists the marked items, in their order, as the end of the stage that marks them.
     ///
     /// # Errors
     /// The device failed.
-    pub fn compact(&mut self, gpu: &Gpu, shuffle: Option<u64>) -> Result<()> {
+    pub fn compact(&mut self, mut stage: Stage, shuffle: Option<u64>) -> Result<()> {
+        let gpu = stage.gpu();
         let words = self.capacity.div_ceil(32);
         let bindings = [
             ("marks", (&self.marks).into()),
@@ -101,7 +115,6 @@ impl WorkList {
             ("work", (&self.items).into()),
         ];
         let params = ListParams { count: self.capacity };
-        let mut stage = gpu.stage("list");
         stage.dispatch(&self.rank, u64::from(words) + 1, &bindings, &params)?;
         self.scanner.record(&mut stage, &self.ranks, words + 1)?;
         stage.dispatch(&self.list, words.into(), &bindings, &params)?;

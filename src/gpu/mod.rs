@@ -11,6 +11,7 @@ pub mod scan;
 pub mod sort;
 
 use std::collections::HashMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -18,7 +19,7 @@ use wgpu::util::DeviceExt;
 
 use crate::error::{Error, Result};
 use kernel::Kernel;
-use run::Timings;
+use run::{Clock, Timings};
 
 /// Threads of a work group, in every kernel that works item by item.
 pub const GROUP: u32 = 64;
@@ -90,6 +91,7 @@ pub struct Gpu {
     faults: Arc<Mutex<Vec<String>>>,
     kernels: Mutex<HashMap<KernelKey, Arc<Kernel>>>,
     timings: Mutex<Timings>,
+    clock: Mutex<Clock>,
     slice_budget: Duration,
 }
 
@@ -218,6 +220,7 @@ impl Gpu {
             faults,
             kernels: Mutex::default(),
             timings: Mutex::default(),
+            clock: Mutex::default(),
             slice_budget: Duration::from_millis(100),
         }
     }
@@ -247,14 +250,22 @@ impl Gpu {
         self.limits.max_texture_dimension_3d
     }
 
-    /// The times measured since the last call, by dispatch name.
-    pub fn take_timings(&self) -> Timings {
-        std::mem::take(&mut lock(&self.timings))
+    /// The times measured since the last call, by dispatch name, all work being done.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn take_timings(&self) -> Result<Timings> {
+        self.read_clock()?;
+        Ok(std::mem::take(&mut lock(&self.timings)))
     }
 
-    /// The sum of the times measured since [`Self::take_timings`], ms.
-    pub fn measured_ms(&self) -> f64 {
-        lock(&self.timings).ms("")
+    /// The sum of the times measured since [`Self::take_timings`], ms, all work being done.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn measured_ms(&self) -> Result<f64> {
+        self.read_clock()?;
+        Ok(lock(&self.timings).ms(""))
     }
 
     /// The first fault that the device reported since the last look, if any.
@@ -354,10 +365,17 @@ impl Gpu {
 
     /// Waits until the queue is empty.
     pub(crate) fn wait(&self, stage: &str) -> Result<()> {
-        self.device
-            .poll(wgpu::PollType::wait_indefinitely())
-            .map_err(|e| Error::device(stage, e.to_string()))?;
-        self.check(stage)
+        // wgpu panics where it finds the device lost while it waits, and only there.
+        let waited = catch_unwind(AssertUnwindSafe(|| {
+            self.device.poll(wgpu::PollType::wait_indefinitely())
+        }));
+        self.check(stage)?;
+        match waited {
+            Ok(polled) => polled.map(|_| ()).map_err(|e| Error::device(stage, e.to_string())),
+            Err(_) => {
+                Err(Error::device(stage, "the device was lost; another --adapter may fare better"))
+            }
+        }
     }
 
     /// Refuses a buffer that no kernel could see.

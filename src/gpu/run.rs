@@ -1,5 +1,6 @@
 //! Running kernels: named dispatches, their times, and slices under a time budget.
 
+use std::cell::Cell;
 use std::time::{Duration, Instant};
 
 use wgpu::util::DeviceExt;
@@ -78,39 +79,98 @@ pub fn groups_for(items: u64) -> [u32; 2] {
     [groups.div_ceil(rows) as u32, rows as u32]
 }
 
-/// Dispatches that are submitted and waited for together.
+/// Dispatches that are submitted together.
 pub struct Stage<'g> {
     gpu: &'g Gpu,
     name: &'static str,
     encoder: wgpu::CommandEncoder,
-    queries: Option<wgpu::QuerySet>,
+    stamps: Option<Stamps>,
     dispatched: Vec<&'static str>,
 }
 
 /// Dispatches that one stage may hold, for the sake of its timestamps.
 const STAGE_DISPATCHES: u32 = 64;
 
+/// Stages whose times wait to be read, at most.
+const UNREAD_STAGES: usize = 256;
+
+/// Room for the timestamps of one stage, used again and again.
+struct Stamps {
+    queries: wgpu::QuerySet,
+    resolved: wgpu::Buffer,
+    staging: wgpu::Buffer,
+}
+
+/// The timestamps of stages that were submitted.
+#[derive(Default)]
+pub(super) struct Clock {
+    unread: Vec<(Stamps, Vec<&'static str>)>,
+    spare: Vec<Stamps>,
+}
+
+/// How many items of one kind of work a slice takes, as its past slices tell.
+pub struct Pace {
+    slice: Cell<u64>,
+    /// So many fitted the budget.
+    proven: Cell<u64>,
+}
+
+impl Pace {
+    /// Nothing is known yet but a `slice` to begin with.
+    pub fn new(slice: u64) -> Self {
+        Self { slice: Cell::new(slice), proven: Cell::new(0) }
+    }
+
+    /// Learns from a slice of `items` that took `share` of the budget.
+    fn learn(&self, items: u64, share: f64) {
+        // The last slice is short, and tells no more than that it did not take too long.
+        if items >= self.slice.get() || share > 1.0 {
+            let next = items as f64 * share.recip().clamp(0.25, 4.0);
+            self.slice.set((next as u64).max(GROUP.into()));
+        }
+        if share <= 1.0 {
+            self.proven.set(self.proven.get().max(items));
+        }
+    }
+}
+
 impl Gpu {
     /// Begins a stage.
     pub fn stage(&self, name: &'static str) -> Stage<'_> {
-        let queries = self.tick.map(|_| {
-            self.device().create_query_set(&wgpu::QuerySetDescriptor {
-                label: Some(name),
-                ty: wgpu::QueryType::Timestamp,
-                count: 2 * STAGE_DISPATCHES,
-            })
-        });
+        let spare = lock(&self.clock).spare.pop();
         Stage {
             gpu: self,
             name,
             encoder: self.device().create_command_encoder(&Default::default()),
-            queries,
+            stamps: self.tick.map(|_| spare.unwrap_or_else(|| self.stamps())),
             dispatched: Vec::new(),
         }
     }
 
+    fn stamps(&self) -> Stamps {
+        let count = 2 * STAGE_DISPATCHES;
+        let buffer = |usage| {
+            self.device().create_buffer(&wgpu::BufferDescriptor {
+                label: Some("timestamps"),
+                size: u64::from(count) * 8,
+                usage,
+                mapped_at_creation: false,
+            })
+        };
+        Stamps {
+            queries: self.device().create_query_set(&wgpu::QuerySetDescriptor {
+                label: Some("timestamps"),
+                ty: wgpu::QueryType::Timestamp,
+                count,
+            }),
+            resolved: buffer(wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC),
+            staging: buffer(wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ),
+        }
+    }
+
     /// Runs `work` over the items `0..total` in slices that each take about the
-    /// slice budget, so that no driver loses patience and no viewer freezes.
+    /// slice budget, so that no driver loses patience and no viewer freezes: each is waited
+    /// for, but a last one of a size that has proven itself.
     /// `work` records the dispatches for its range; `progress` hears how many items are done.
     ///
     /// # Errors
@@ -119,28 +179,58 @@ impl Gpu {
         &self,
         name: &'static str,
         total: u64,
-        first_slice: u64,
+        pace: &Pace,
         mut work: impl FnMut(&mut Stage, std::ops::Range<u64>) -> Result<()>,
         progress: &mut dyn FnMut(u64),
     ) -> Result<()> {
-        let mut slice = first_slice.clamp(1, total.max(1));
+        if total > pace.proven.get() {
+            self.wait(name)?;
+        }
         let mut done = 0;
         while done < total {
-            let end = (done + slice).min(total);
+            let items = pace.slice.get().min(total - done);
             let begun = Instant::now();
             let mut stage = self.stage(name);
-            work(&mut stage, done..end)?;
+            work(&mut stage, done..done + items)?;
             stage.finish()?;
-            done = end;
+            done += items;
+            if done < total || items > pace.proven.get() {
+                self.wait(name)?;
+                pace.learn(items, begun.elapsed().div_duration_f64(self.slice_budget));
+            }
             progress(done);
-            let factor = self.slice_budget.as_secs_f64() / begun.elapsed().as_secs_f64().max(1e-6);
-            slice = ((slice as f64 * factor.clamp(0.25, 4.0)) as u64).max(u64::from(GROUP));
+        }
+        Ok(())
+    }
+
+    /// Waits for all stages, and notes their times.
+    pub(super) fn read_clock(&self) -> Result<()> {
+        let unread = std::mem::take(&mut lock(&self.clock).unread);
+        let Some(tick) = self.tick.filter(|_| !unread.is_empty()) else {
+            return Ok(());
+        };
+        for (stamps, _) in &unread {
+            stamps.staging.map_async(wgpu::MapMode::Read, .., |_| {});
+        }
+        self.wait("timestamps")?;
+        for (stamps, names) in unread {
+            let view = stamps.staging.get_mapped_range(..);
+            let view = view.map_err(|e| Error::device("timestamps", e.to_string()))?;
+            let mut timings = lock(&self.timings);
+            for (name, pair) in names.into_iter().zip(view.chunks_exact(16)) {
+                let [begin, end] =
+                    [0, 8].map(|at| bytemuck::pod_read_unaligned::<u64>(&pair[at..at + 8]));
+                timings.add(name, end.saturating_sub(begin) as f64 * f64::from(tick) * 1e-6);
+            }
+            drop((timings, view));
+            stamps.staging.unmap();
+            lock(&self.clock).spare.push(stamps);
         }
         Ok(())
     }
 }
 
-impl Stage<'_> {
+impl<'g> Stage<'g> {
     /// Records one dispatch over `items` threads. `params` fills the kernel's uniform of that name.
     ///
     /// # Errors
@@ -182,12 +272,10 @@ impl Stage<'_> {
         let at = 2 * self.dispatched.len() as u32;
         let mut pass = self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some(kernel.name),
-            timestamp_writes: self.queries.as_ref().map(|query_set| {
-                wgpu::ComputePassTimestampWrites {
-                    query_set,
-                    beginning_of_pass_write_index: Some(at),
-                    end_of_pass_write_index: Some(at + 1),
-                }
+            timestamp_writes: self.stamps.as_ref().map(|stamps| wgpu::ComputePassTimestampWrites {
+                query_set: &stamps.queries,
+                beginning_of_pass_write_index: Some(at),
+                end_of_pass_write_index: Some(at + 1),
             }),
         });
         pass.set_pipeline(&kernel.pipeline);
@@ -197,6 +285,11 @@ impl Stage<'_> {
         drop(pass);
         self.dispatched.push(kernel.name);
         self.gpu.check(kernel.name)
+    }
+
+    /// Where it runs.
+    pub fn gpu(&self) -> &'g Gpu {
+        self.gpu
     }
 
     /// Clears a whole buffer to zero.
@@ -209,46 +302,38 @@ impl Stage<'_> {
         self.encoder.copy_buffer_to_buffer(from, 0, to, 0, bytes);
     }
 
-    /// Submits, waits, and notes the times.
+    /// Submits. Nobody waits, unless the device has no clock and the host's must do.
     ///
     /// # Errors
     /// The device failed.
     pub fn finish(mut self) -> Result<()> {
         let gpu = self.gpu;
         let count = self.dispatched.len() as u32;
-        let stamps = self.queries.take().filter(|_| count > 0).map(|queries| {
-            let size = u64::from(2 * count) * 8;
-            let make = |usage| {
-                gpu.device().create_buffer(&wgpu::BufferDescriptor {
-                    label: Some("timestamps"),
-                    size,
-                    usage,
-                    mapped_at_creation: false,
-                })
-            };
-            let resolved = make(wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC);
-            let staging = make(wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ);
-            self.encoder.resolve_query_set(&queries, 0..2 * count, &resolved, 0);
-            self.encoder.copy_buffer_to_buffer(&resolved, 0, &staging, 0, size);
-            staging
-        });
+        if let Some(stamps) = self.stamps.as_ref().filter(|_| count > 0) {
+            let Stamps { queries, resolved, staging } = stamps;
+            self.encoder.resolve_query_set(queries, 0..2 * count, resolved, 0);
+            self.encoder.copy_buffer_to_buffer(resolved, 0, staging, 0, u64::from(2 * count) * 8);
+        }
+        if self.stamps.is_none() {
+            gpu.wait(self.name)?;
+        }
         let begun = Instant::now();
         gpu.queue().submit([self.encoder.finish()]);
-        let stamps = match &stamps {
-            Some(staging) => Some(gpu.map_and_copy::<u64>(self.name, staging)?),
-            None => gpu.wait(self.name).map(|()| None)?,
-        };
-        let wall = begun.elapsed();
-        let mut timings = lock(&gpu.timings);
-        for (i, name) in self.dispatched.iter().enumerate() {
-            let ms = match (&stamps, gpu.tick) {
-                (Some(t), Some(tick)) => {
-                    t[2 * i + 1].saturating_sub(t[2 * i]) as f64 * f64::from(tick) * 1e-6
-                }
-                _ => milliseconds(wall) / f64::from(count),
-            };
-            timings.add(name, ms);
+        gpu.check(self.name)?;
+        if let Some(stamps) = self.stamps {
+            let mut clock = lock(&gpu.clock);
+            match count {
+                0 => clock.spare.push(stamps),
+                _ => clock.unread.push((stamps, self.dispatched)),
+            }
+            let full = clock.unread.len() >= UNREAD_STAGES;
+            drop(clock);
+            return if full { gpu.read_clock() } else { Ok(()) };
         }
+        gpu.wait(self.name)?;
+        let ms = milliseconds(begun.elapsed()) / f64::from(count);
+        let mut timings = lock(&gpu.timings);
+        self.dispatched.iter().for_each(|name| timings.add(name, ms));
         Ok(())
     }
 }
