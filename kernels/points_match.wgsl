@@ -1,20 +1,15 @@
-// Which points came and which went: a point that segments have seen and that is still
-// there, bit for bit, has neither gone nor come. `numbers` says for each slot which
-// sorted point it is now, plus one; 0 where it is none.
+// Which points' light went and which came: of those whose light is not what segments have
+// seen.
 
 import package::constants::GROUP;
 import package::shared::item::item_index;
 import package::shared::points::PointsParams;
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
-@group(0) @binding(9) var<storage, read> seen_slots: array<u32>;
-@group(0) @binding(10) var<storage, read> seen_places: array<vec4<u32>>;
-@group(0) @binding(11) var<storage, read> seen_lights: array<vec4<u32>>;
-@group(0) @binding(12) var<storage, read> numbers: array<u32>;
-@group(0) @binding(13) var<storage, read> point_places: array<vec4<u32>>;
-@group(0) @binding(14) var<storage, read> point_lights: array<vec4<u32>>;
-@group(0) @binding(15) var<storage, read_write> went: array<atomic<u32>>;
-@group(0) @binding(16) var<storage, read_write> came: array<atomic<u32>>;
+@group(0) @binding(9) var<storage, read> seen_lights: array<vec4<f32>>;
+@group(0) @binding(10) var<storage, read> point_lights: array<vec4<f32>>;
+@group(0) @binding(11) var<storage, read_write> went: array<atomic<u32>>;
+@group(0) @binding(12) var<storage, read_write> came: array<atomic<u32>>;
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -24,13 +19,10 @@ fn main(
 ) {
     let point = item_index(group, groups, local);
     if point >= params.count { return; }
-    let number = numbers[seen_slots[point]];
-    if number == 0u { return; }
-    let now = number - 1u;
-    let same = all(seen_places[point] == point_places[now])
-        && all(seen_lights[point] == point_lights[now]);
-    if same {
-        atomicAnd(&went[point / 32u], ~(1u << (point % 32u)));
-        atomicAnd(&came[now / 32u], ~(1u << (now % 32u)));
-    }
+    let seen = seen_lights[point];
+    let now = point_lights[point];
+    if all(bitcast<vec4<u32>>(seen) == bitcast<vec4<u32>>(now)) { return; }
+    let bit = 1u << (point % 32u);
+    if any(seen.rgb > vec3<f32>(0.0)) { atomicOr(&went[point / 32u], bit); }
+    if any(now.rgb > vec3<f32>(0.0)) { atomicOr(&came[point / 32u], bit); }
 }

@@ -1,19 +1,19 @@
 // The mean extinction in the kernel's ball around each point, by which `even` divides. A point
-// that is where it was keeps its mean if no extinction changed that the ball can hold.
+// that is where it was keeps its mean if no extinction changed that the ball can hold; one that
+// is not has none until it is there again.
 
 import package::shared::item::item_index;
-import package::shared::points::{PointsParams, UNKNOWN, BY_SOURCE};
+import package::shared::points::PointsParams;
 import package::shared::scene::{frame, optics, cell_masks, cell_index, entry_at};
 import package::shared::slot::slot_entry;
 import package::constants::GROUP;
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
-@group(0) @binding(9) var<storage, read> places: array<vec4<u32>>;
-@group(0) @binding(10) var<storage, read> states: array<vec4<u32>>;
-@group(0) @binding(11) var<storage, read> slots: array<u32>;
-@group(0) @binding(12) var<storage, read> sources: array<u32>;
-@group(0) @binding(13) var<storage, read> known_means: array<f32>;
-@group(0) @binding(14) var<storage, read_write> means: array<f32>;
+@group(0) @binding(9) var<storage, read> states: array<vec4<u32>>;
+@group(0) @binding(10) var<storage, read> slots: array<u32>;
+@group(0) @binding(11) var<storage, read> point_places: array<vec4<u32>>;
+@group(0) @binding(12) var<storage, read> kept: array<u32>;
+@group(0) @binding(13) var<storage, read_write> means: array<f32>;
 
 // Taps of the mean: two shells of a Fibonacci lattice over the ball, of equal volume
 // each, and the photon's own entry.
@@ -63,15 +63,13 @@ fn main(
 ) {
     let point = item_index(group, groups, local);
     if point >= params.count { return; }
-    // The point before that it was, plus one; 0 where it was none.
-    var source = 0u;
-    if params.known != UNKNOWN { source = point + 1u; }
-    if params.known == BY_SOURCE { source = sources[point]; }
-    let slot = slots[point];
-    let position = bitcast<vec3<f32>>(places[slot].xyz);
-    if source > 0u && (all(params.changed == vec2<u32>(0u)) || !is_changed(position)) {
-        means[point] = known_means[source - 1u];
-    } else {
-        means[point] = mean_extinction(position, slot_entry(states[slot]));
+    let is_new = params.fresh == 1u;
+    if !is_new && extractBits(kept[point / 32u], point % 32u, 1u) == 0u {
+        means[point] = -1.0;
+        return;
+    }
+    let position = bitcast<vec3<f32>>(point_places[point].xyz);
+    if is_new || means[point] < 0.0 || is_changed(position) {
+        means[point] = mean_extinction(position, slot_entry(states[slots[point]]));
     }
 }

@@ -11,17 +11,13 @@ struct PointsParams {
     shift: u32,
     buckets: u32,
     kernel: f32,           // 1 / (4/3 pi r^3)
-    first: u32,            // place of the first that is taken, or of the first new one
+    first: u32,            // place of the first that is taken
     sign: f32,             // -1: what is taken has gone
     step: u32,             // buckets from one that is looked for to the next
-    known: u32,            // which means are known: UNKNOWN, BY_SOURCE or ALL
+    fresh: u32,            // 1: all points are new, and no mean is known
     changed: vec2<u32>,    // bins whose extinction changed since
     pad: vec2<u32>,
 }
-
-const UNKNOWN: u32 = 0u;
-const BY_SOURCE: u32 = 1u;  // those of the points that others were before
-const ALL: u32 = 2u;        // each point is what it was
 
 fn points_cell(position: vec3<f32>, params: PointsParams) -> vec3<i32> {
     let cell = vec3<i32>(floor(position / params.radius));

@@ -1,0 +1,550 @@
+//! The `points` light field: photons sorted by the cell of a grid whose edge is the
+//! gather radius, H(8).
+//!
+//! Only live slots enter: listed, sorted by cell key with a stable radix sort, then copied
+//! out in that order with what a gather needs. A table of buckets, each of 2^shift
+//! consecutive keys, says where to begin; it needs no probing, and its size is bounded
+//! however small the radius.
+//!
+//! An update leaves points where they are. Those that went are dark from then on, those that
+//! came are sorted by themselves, another part of the field: sums of integers do not care
+//! in how many parts they are gathered. Where parts or dark points become many, all are sorted
+//! anew. What went and what came is known on the way (`changes`), so that segments take the
+//! ones out and add the others, and gather nothing else.
+
+mod changes;
+
+use std::sync::Arc;
+
+use crate::error::{Error, Result};
+use crate::frame::{DeviceScene, words};
+use crate::gpu::Gpu;
+use crate::gpu::kernel::Kernel;
+use crate::gpu::layout::shared_struct;
+use crate::gpu::run::{Bindings, Stage};
+use crate::gpu::sort::Sorter;
+use crate::photon::{Batch, PhotonMap};
+use crate::query::{CHANGE_ALBEDO, CHANGE_FALLEN, CHANGE_PHASE, CHANGE_RISEN};
+use crate::render::Progress;
+use crate::scene::{Settings, Weighting};
+use crate::segment::Run;
+use crate::work::WorkList;
+use changes::{Changes, Moved};
+
+/// Buckets of one batch's table, at most: 16 MiB.
+const MAX_BUCKETS: u64 = 1 << 22;
+/// Buckets that are so far apart are looked for among all points, the others between them.
+pub const BUCKET_STEP: u32 = 256;
+
+shared_struct! {
+    /// The geometry of the hash, as every kernel that touches it is told.
+    pub struct PointsParams {
+        /// Cells along each axis.
+        pub grid: [u32; 3],
+        /// Slots to look at, or sorted points.
+        pub count: u32,
+        /// Gather radius and edge of a cell, mm.
+        pub radius: f32,
+        /// Keys in a bucket, as a power of two.
+        pub shift: u32,
+        /// Buckets in the table.
+        pub buckets: u32,
+        /// 1 / (4/3 pi r³).
+        pub kernel: f32,
+        /// Place of the first point that is taken.
+        pub first: u32,
+        /// -1 where what is taken has gone.
+        pub sign: f32,
+        /// Buckets from one whose begin is looked for to the next.
+        pub step: u32,
+        /// 1 where all points are new, and no mean is known.
+        pub fresh: u32,
+        /// Bins whose extinction changed since.
+        pub changed: [u32; 2],
+        /// Keeps the size a multiple of 16.
+        pub pad: [u32; 2],
+    }
+}
+
+/// Parts of a batch before all of it is sorted anew.
+const MAX_PARTS: usize = 4;
+
+/// Points in the order of their cells' keys, with what a gather needs of each.
+struct Sorted {
+    count: u32,
+    keys: wgpu::Buffer,
+    places: wgpu::Buffer,
+    lights: wgpu::Buffer,
+    starts: wgpu::Buffer,
+    field: wgpu::Buffer,
+}
+
+impl Sorted {
+    fn new(gpu: &Gpu, keys: wgpu::Buffer, count: u32, params: &PointsParams) -> Result<Self> {
+        Ok(Self {
+            count,
+            keys,
+            places: gpu.buffer::<[u32; 4]>("point places", count as usize)?,
+            lights: gpu.buffer::<[f32; 4]>("point lights", count as usize)?,
+            starts: gpu.buffer::<u32>("points starts", params.buckets as usize + 1)?,
+            field: gpu.upload("points field", &[PointsParams { count, ..*params }])?,
+        })
+    }
+
+    fn bindings(&self) -> Bindings<'_> {
+        vec![
+            ("field", (&self.field).into()),
+            ("point_places", (&self.places).into()),
+            ("point_lights", (&self.lights).into()),
+            ("starts", (&self.starts).into()),
+            ("keys", (&self.keys).into()),
+        ]
+    }
+
+    fn run(&self) -> Run<'_> {
+        Run { bindings: self.bindings(), points: self.count }
+    }
+
+    fn bytes(&self) -> u64 {
+        [&self.keys, &self.places, &self.lights, &self.starts].map(wgpu::Buffer::size).iter().sum()
+    }
+}
+
+/// Points that were sorted together. Those that went since are dark.
+struct Part {
+    points: Sorted,
+    /// The slot of each point.
+    slots: wgpu::Buffer,
+    /// The mean extinction around each, 1/mm, where `even` divides by it; negative where a
+    /// point went before it changed.
+    means: wgpu::Buffer,
+    /// Points that are still where they were.
+    live: u32,
+}
+
+impl Part {
+    fn bytes(&self) -> u64 {
+        self.points.bytes() + self.slots.size() + self.means.size()
+    }
+}
+
+/// The points of one photon batch.
+struct SortedBatch {
+    /// Light and first photon of the batch.
+    key: (u32, u32),
+    /// Its photons.
+    photons: u32,
+    /// Its slots, empty ones included.
+    all_slots: u32,
+    parts: Vec<Part>,
+}
+
+impl SortedBatch {
+    fn is_of(&self, batch: &Batch) -> bool {
+        self.key == (batch.light_id, batch.first_index) && self.photons == batch.photons
+    }
+
+    /// Whether gathers would gain much if all were sorted anew.
+    fn is_loose(&self) -> bool {
+        let count =
+            |of: &dyn Fn(&Part) -> u32| self.parts.iter().map(|p| u64::from(of(p))).sum::<u64>();
+        self.parts.len() > MAX_PARTS || count(&|p| p.points.count) > 2 * count(&|p| p.live)
+    }
+}
+
+/// The sorted points of all batches.
+pub struct Points {
+    /// Gather radius, mm.
+    pub radius: f32,
+    params: PointsParams,
+    /// Whether fluence is blurred, not collision density.
+    pub even: bool,
+    key_bits: u32,
+    batches: Vec<SortedBatch>,
+    /// What the last build changed.
+    moved: Vec<Moved>,
+    /// What went and came since all segments were computed.
+    changes: Changes,
+    /// Segments have not seen what an earlier build changed.
+    unsettled: bool,
+    /// No points, for a scene without lights.
+    none: Sorted,
+    mark: Arc<Kernel>,
+    keep: Arc<Kernel>,
+    key: Arc<Kernel>,
+    mean: Arc<Kernel>,
+    record: Arc<Kernel>,
+    starts: Arc<Kernel>,
+    compare: Arc<Kernel>,
+    dirty: Arc<Kernel>,
+    take: Arc<Kernel>,
+    arrange: Arc<Kernel>,
+}
+
+impl Points {
+    /// An empty field for a scene.
+    ///
+    /// # Errors
+    /// The radius is too small for the volume.
+    pub fn new(gpu: &Gpu, scene: &DeviceScene, settings: &Settings, radius: f64) -> Result<Self> {
+        let grid = scene.frame.extent.map(|e| (f64::from(e) / radius).ceil().max(1.0));
+        let cells = grid.iter().product::<f64>();
+        if cells > f64::from(u32::MAX) {
+            return Err(Error::capacity(
+                "points",
+                format!(
+                    "a radius of {radius} mm makes {cells:.0} cells, more than 2^32: raise `radius`"
+                ),
+            ));
+        }
+        let cells = cells as u64;
+        let shift = cells.div_ceil(MAX_BUCKETS).next_power_of_two().ilog2();
+        let even = settings.weighting == Weighting::Even;
+        let params = PointsParams {
+            grid: grid.map(|n| n as u32),
+            count: 0,
+            radius: radius as f32,
+            shift,
+            buckets: cells.div_ceil(1 << shift) as u32,
+            kernel: (0.75 / (std::f64::consts::PI * radius.powi(3))) as f32,
+            ..Default::default()
+        };
+        let none = PointsParams { shift: 31, buckets: 2, ..params };
+        Ok(Self {
+            even,
+            radius: radius as f32,
+            none: Sorted::new(gpu, gpu.buffer::<u32>("points keys", 0)?, 0, &none)?,
+            params,
+            key_bits: u64::BITS - (cells - 1).leading_zeros(),
+            batches: Vec::new(),
+            moved: Vec::new(),
+            changes: Changes::None,
+            unsettled: false,
+            mark: gpu.kernel("points_mark", &[])?,
+            keep: gpu.kernel("points_keep", &[])?,
+            key: gpu.kernel("points_key", &[])?,
+            mean: gpu.kernel("points_mean", &scene.flags(&["nearest", "float_voxels"]))?,
+            record: record_kernel(gpu, scene, even)?,
+            starts: gpu.kernel("points_starts", &[])?,
+            compare: gpu.kernel("points_match", &[])?,
+            dirty: gpu.kernel("points_dirty", &[])?,
+            take: gpu.kernel("points_take", &[])?,
+            arrange: gpu.kernel("points_arrange", &[])?,
+        })
+    }
+
+    /// Takes the kernels that suit an edited scene.
+    ///
+    /// # Errors
+    /// The device refuses them.
+    pub fn respecialise(&mut self, gpu: &Gpu, scene: &DeviceScene) -> Result<()> {
+        self.record = record_kernel(gpu, scene, self.even)?;
+        Ok(())
+    }
+
+    /// Columns of the transfer function that contributions depend on, `CHANGE_` bits.
+    pub fn columns(&self) -> u32 {
+        let extinction = if self.even { CHANGE_RISEN | CHANGE_FALLEN } else { 0 };
+        CHANGE_PHASE | CHANGE_ALBEDO | extinction
+    }
+
+    /// Has the next build sort all points anew.
+    pub fn forget(&mut self) {
+        self.batches.clear();
+        self.moved.clear();
+        self.unsettled = false;
+    }
+
+    /// Brings the points of the batches that changed up to date, or `all`; `changed` has the
+    /// bins whose extinction changed since the segments were computed.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn build(
+        &mut self,
+        gpu: &Gpu,
+        scene: &DeviceScene,
+        map: &mut PhotonMap,
+        (all, changed): (bool, u64),
+        progress: &mut Progress,
+    ) -> Result<()> {
+        let total = map.batches.len();
+        let mut before = std::mem::take(&mut self.batches);
+        // Segments correct their sums by what one build changed, not by two.
+        self.changes = if self.unsettled { Changes::TooMany } else { Changes::None };
+        self.params.changed = words(changed);
+        self.moved.clear();
+        for i in 0..total {
+            let batch = &map.batches[i];
+            let own = before.iter().position(|sorted| sorted.is_of(batch));
+            let now = match own.map(|at| before.swap_remove(at)) {
+                Some(own) if !all && !batch.stale => own,
+                Some(own) => self.refreshed(gpu, scene, (map, batch), own)?,
+                None => {
+                    let now = self.sorted(gpu, scene, (map, batch))?;
+                    self.moved.extend(now.parts.iter().map(|part| Moved::all(part, 1.0)));
+                    now
+                }
+            };
+            self.batches.push(now);
+            map.batches[i].stale = false;
+            progress.at("sort", i as u64 + 1, total as u64);
+        }
+        let parts = before.iter().flat_map(|gone| &gone.parts);
+        self.moved.extend(parts.map(|part| Moved::all(part, -1.0)));
+        self.unsettled |= !self.moved.is_empty();
+        Ok(())
+    }
+
+    /// Sorts batches anew that have become loose. Changes no light.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn tighten(&mut self, gpu: &Gpu, scene: &DeviceScene, map: &PhotonMap) -> Result<()> {
+        for i in 0..self.batches.len() {
+            if self.batches[i].is_loose() {
+                self.batches[i] = self.sorted(gpu, scene, (map, &map.batches[i]))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// All live slots of a batch, sorted.
+    fn sorted(
+        &self,
+        gpu: &Gpu,
+        scene: &DeviceScene,
+        (map, batch): (&PhotonMap, &Batch),
+    ) -> Result<SortedBatch> {
+        let all_slots = batch.photons * map.max_events;
+        let mut live = self.live(gpu, batch, all_slots)?;
+        live.compact(gpu.stage("list"), None)?;
+        Ok(SortedBatch {
+            key: (batch.light_id, batch.first_index),
+            photons: batch.photons,
+            all_slots,
+            parts: vec![self.part(gpu, scene, batch, &live)?],
+        })
+    }
+
+    /// The points of a batch that are where they were, with the light that they have now, and
+    /// the others as another part; or all sorted anew where that is cheaper.
+    fn refreshed(
+        &mut self,
+        gpu: &Gpu,
+        scene: &DeviceScene,
+        (map, batch): (&PhotonMap, &Batch),
+        mut own: SortedBatch,
+    ) -> Result<SortedBatch> {
+        let mut new = self.live(gpu, batch, own.all_slots)?;
+        let mut kept = Vec::new();
+        for part in &mut own.parts {
+            kept.push(self.keep(gpu, batch, part, &new)?);
+        }
+        new.compact(gpu.stage("list"), None)?;
+        if cheaper_to_sort(new.count, own.parts.iter().map(|part| part.live).sum()) {
+            let now = self.sorted(gpu, scene, (map, batch))?;
+            self.moved.extend(own.parts.iter().map(|part| Moved::all(part, -1.0)));
+            self.moved.extend(now.parts.iter().map(|part| Moved::all(part, 1.0)));
+            return Ok(now);
+        }
+        for (part, kept) in own.parts.iter_mut().zip(&kept) {
+            let lights = gpu.buffer::<[f32; 4]>("point lights", part.points.count as usize)?;
+            let seen = std::mem::replace(&mut part.points.lights, lights);
+            self.record(gpu, scene, batch, (part, Some(&kept.marks)))?;
+            self.moved.push(Moved::since(seen, part));
+        }
+        own.parts.retain(|part| part.live > 0);
+        if new.count > 0 {
+            let part = self.part(gpu, scene, batch, &new)?;
+            self.moved.push(Moved::all(&part, 1.0));
+            own.parts.push(part);
+        }
+        Ok(own)
+    }
+
+    /// The slots of a batch that enter the light field, marked.
+    fn live(&self, gpu: &Gpu, batch: &Batch, all_slots: u32) -> Result<WorkList> {
+        let live = WorkList::new(gpu, all_slots)?;
+        let bindings = [("states", (&batch.states).into()), ("marks", (&live.marks).into())];
+        let mut stage = gpu.stage("points_mark");
+        live.unmark(&mut stage);
+        stage.dispatch(&self.mark, all_slots.into(), &bindings, &self.params(all_slots))?;
+        stage.finish()?;
+        Ok(live)
+    }
+
+    /// Finds the points of a part that are where they were. Their slots are no longer `new`.
+    fn keep(&self, gpu: &Gpu, batch: &Batch, part: &mut Part, new: &WorkList) -> Result<WorkList> {
+        let count = part.points.count;
+        let mut kept = WorkList::new(gpu, count)?;
+        let bindings = [
+            ("places", (&batch.places).into()),
+            ("states", (&batch.states).into()),
+            ("slots", (&part.slots).into()),
+            ("point_places", (&part.points.places).into()),
+            ("marks", (&kept.marks).into()),
+            ("new_slots", (&new.marks).into()),
+        ];
+        let mut stage = gpu.stage("points_keep");
+        kept.unmark(&mut stage);
+        stage.dispatch(&self.keep, count.into(), &bindings, &self.params(count))?;
+        kept.compact(stage, None)?;
+        part.live = kept.count;
+        Ok(kept)
+    }
+
+    /// The listed slots, sorted.
+    fn part(&self, gpu: &Gpu, scene: &DeviceScene, batch: &Batch, list: &WorkList) -> Result<Part> {
+        let count = list.count;
+        let words = |stage: &'static str| gpu.buffer::<u32>(stage, count as usize);
+        let (keys, slots) = (words("points keys")?, words("points slots")?);
+        let bindings = [
+            ("places", (&batch.places).into()),
+            ("work", (&list.items).into()),
+            ("keys", (&keys).into()),
+            ("slots", (&slots).into()),
+        ];
+        let params = self.params(count);
+        let mut stage = gpu.stage("points_key");
+        stage.dispatch(&self.key, count.into(), &bindings, &params)?;
+        stage.finish()?;
+        Sorter::new(gpu, count)?.sort(gpu, &keys, &slots, count, self.key_bits)?;
+        let points = Sorted::new(gpu, keys, count, &params)?;
+        let mut stage = gpu.stage("points_starts");
+        self.arrange(&mut stage, count, (&slots, &batch.places), &points.places)?;
+        self.find(&mut stage, &points)?;
+        stage.finish()?;
+        let means = gpu.buffer::<f32>("point means", if self.even { count as usize } else { 0 })?;
+        let part = Part { points, slots, means, live: count };
+        self.record(gpu, scene, batch, (&part, None))?;
+        Ok(part)
+    }
+
+    /// Records the light of the points of a part that are `kept`; of all, which are new, without.
+    fn record(
+        &self,
+        gpu: &Gpu,
+        scene: &DeviceScene,
+        batch: &Batch,
+        (part, kept): (&Part, Option<&wgpu::Buffer>),
+    ) -> Result<()> {
+        let count = part.points.count;
+        let mut bindings = [scene.bindings(), part.points.bindings()].concat();
+        bindings.extend([
+            ("states", (&batch.states).into()),
+            ("slots", (&part.slots).into()),
+            ("means", (&part.means).into()),
+            ("kept", kept.unwrap_or(&self.none.starts).into()),
+        ]);
+        let params = PointsParams { fresh: kept.is_none().into(), ..self.params(count) };
+        let mut stage = gpu.stage("points_record");
+        if self.even && (kept.is_none() || params.changed != [0, 0]) {
+            stage.dispatch(&self.mean, count.into(), &bindings, &params)?;
+        }
+        stage.dispatch(&self.record, count.into(), &bindings, &params)?;
+        stage.finish()
+    }
+
+    fn params(&self, count: u32) -> PointsParams {
+        PointsParams { count, ..self.params }
+    }
+
+    /// Items in another order: `to[i]` is `from[order[i]]`.
+    fn arrange(
+        &self,
+        stage: &mut Stage,
+        count: u32,
+        (order, from): (&wgpu::Buffer, &wgpu::Buffer),
+        to: &wgpu::Buffer,
+    ) -> Result<()> {
+        let bindings = [("order", order.into()), ("before", from.into()), ("after", to.into())];
+        stage.dispatch(&self.arrange, count.into(), &bindings, &self.params(count))
+    }
+
+    /// Records where each bucket begins.
+    fn find(&self, stage: &mut Stage, points: &Sorted) -> Result<()> {
+        for step in [BUCKET_STEP, 1] {
+            let params = PointsParams { step, ..self.params(points.count) };
+            let threads = u64::from(params.buckets / step) + 1;
+            stage.dispatch(&self.starts, threads, &points.bindings(), &params)?;
+        }
+        Ok(())
+    }
+
+    /// All segments were computed from what there is.
+    pub fn settle(&mut self) {
+        self.changes = Changes::None;
+        self.unsettled = false;
+        self.moved.clear();
+    }
+
+    /// All points.
+    pub(crate) fn runs(&self) -> Vec<Run<'_>> {
+        let runs: Vec<_> = self.parts().map(|part| part.points.run()).collect();
+        if runs.is_empty() { vec![self.none.run()] } else { runs }
+    }
+
+    fn parts(&self) -> impl Iterator<Item = &Part> {
+        self.batches.iter().flat_map(|batch| &batch.parts)
+    }
+
+    /// What went and what came since all segments were computed; `None` where all points are
+    /// to be gathered anew.
+    pub(crate) fn changes(&self) -> Option<Vec<Run<'_>>> {
+        match &self.changes {
+            Changes::None => Some(Vec::new()),
+            Changes::Listed(points) => Some(vec![points.run()]),
+            Changes::TooMany => None,
+        }
+    }
+
+    /// The points of all batches that shine, each batch in the order of keys and slots:
+    /// position and direction, contribution and g.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn read(&self, gpu: &Gpu) -> Result<Vec<([u32; 4], [u32; 4])>> {
+        let mut all = Vec::new();
+        for batch in &self.batches {
+            let mut shining = Vec::new();
+            for part in &batch.parts {
+                let words = |buffer| gpu.read::<u32>("points", buffer);
+                let fours = |buffer| gpu.read::<[u32; 4]>("points", buffer);
+                let order = words(&part.points.keys)?.into_iter().zip(words(&part.slots)?);
+                let points =
+                    fours(&part.points.places)?.into_iter().zip(fours(&part.points.lights)?);
+                let points = order.zip(points).take(part.points.count as usize);
+                shining.extend(points.filter(|(_, (_, light))| light[..3] != [0; 3]));
+            }
+            shining.sort_by_key(|(order, _)| *order);
+            all.extend(shining.into_iter().map(|(_, point)| point));
+        }
+        Ok(all)
+    }
+
+    /// Bytes that an update of all points takes beside them, at most: work lists of slots, of
+    /// points that are kept, that went and that came, at 4.25 bytes an item; the light that
+    /// points had before; and what went and came, half as many as there are points, twice.
+    pub fn update_bytes(&self) -> u64 {
+        let slots: u64 = self.batches.iter().map(|batch| u64::from(batch.all_slots)).sum();
+        let points: u64 = self.parts().map(|part| u64::from(part.points.count)).sum();
+        (17 * slots + 3 * 17 * points) / 4 + 16 * points + 72 * points / 2
+    }
+
+    /// Bytes of the sorted points and their tables.
+    pub fn bytes(&self) -> u64 {
+        self.parts().map(Part::bytes).sum()
+    }
+}
+
+fn record_kernel(gpu: &Gpu, scene: &DeviceScene, even: bool) -> Result<Arc<Kernel>> {
+    let mut flags = scene.flags(&["anisotropic"]);
+    flags.extend(even.then_some("even"));
+    gpu.kernel("points_record", &flags)
+}
+
+/// Whether to sort all points anew rather than those that moved alone.
+fn cheaper_to_sort(moved: u32, kept: u32) -> bool {
+    moved > kept
+}
