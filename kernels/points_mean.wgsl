@@ -1,6 +1,5 @@
 // The mean extinction in the kernel's ball around each point, by which `even` divides. A point
-// that is where it was keeps its mean if no extinction changed that the ball can hold; one that
-// is not has none until it is there again.
+// that is where it was keeps its mean if no extinction changed that the ball can hold.
 
 import package::shared::item::item_index;
 import package::shared::points::PointsParams;
@@ -64,12 +63,9 @@ fn main(
     let point = item_index(group, groups, local);
     if point >= params.count { return; }
     let is_new = params.fresh == 1u;
-    if !is_new && extractBits(kept[point / 32u], point % 32u, 1u) == 0u {
-        means[point] = -1.0;
-        return;
-    }
+    if !is_new && extractBits(kept[point / 32u], point % 32u, 1u) == 0u { return; }
     let position = bitcast<vec3<f32>>(point_places[point].xyz);
-    if is_new || means[point] < 0.0 || is_changed(position) {
+    if is_new || is_changed(position) {
         means[point] = mean_extinction(position, slot_entry(states[slots[point]]));
     }
 }

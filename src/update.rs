@@ -465,10 +465,7 @@ impl PhotonFrame {
                 let what = (reached, changed);
                 points.build(gpu, &self.scene, &mut self.map, what, progress)?;
                 let lit = !self.fresh && self.source.settings.spatial != Spatial::Off;
-                if lit {
-                    points.compare(gpu, &self.dirty, &self.counters)?;
-                }
-                points.tighten(gpu, &self.scene, &self.map)
+                if lit { points.compare(gpu, &self.dirty, &self.counters) } else { Ok(()) }
             }
             LightField::Fluence(fluence) => {
                 if !fluence.current {

@@ -11,13 +11,16 @@ struct PointsParams {
     shift: u32,
     buckets: u32,
     kernel: f32,           // 1 / (4/3 pi r^3)
-    first: u32,            // place of the first that is taken
+    first: u32,            // place of the first that is taken, or of the first new one
     sign: f32,             // -1: what is taken has gone
     step: u32,             // buckets from one that is looked for to the next
     fresh: u32,            // 1: all points are new, and no mean is known
     changed: vec2<u32>,    // bins whose extinction changed since
     pad: vec2<u32>,
 }
+
+// An order's bit for the second of two arrays that items are from.
+const OTHER: u32 = 0x80000000u;
 
 fn points_cell(position: vec3<f32>, params: PointsParams) -> vec3<i32> {
     let cell = vec3<i32>(floor(position / params.radius));

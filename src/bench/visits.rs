@@ -42,6 +42,7 @@ const STAGES: [Stage; 4] = [
             "points_key",
             "sort_count",
             "sort_scatter",
+            "points_merge",
             "points_mean",
             "points_record",
             "points_starts",

@@ -37,13 +37,14 @@ pub const KERNELS: &[(&str, &[&str])] = &[
     ("points_mark", &[]),
     ("points_keep", &[]),
     ("points_key", &[]),
+    ("points_merge", &[]),
     ("points_mean", &["nearest", "float_voxels"]),
     ("points_record", &["even", "anisotropic"]),
     ("points_starts", &[]),
     ("points_match", &[]),
     ("points_dirty", &[]),
     ("points_take", &[]),
-    ("points_arrange", &[]),
+    ("points_arrange", &["fours"]),
     (
         "segment",
         &[

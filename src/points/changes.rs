@@ -21,7 +21,7 @@ pub(super) enum Changes {
     TooMany,
 }
 
-/// Points of a part that may have gone and come.
+/// Points that may have gone and come.
 pub(super) struct Moved {
     count: u32,
     keys: wgpu::Buffer,
@@ -53,7 +53,7 @@ impl Moved {
     }
 }
 
-/// Points of a part that came (sign 1) or went (-1).
+/// Points that came (sign 1) or went (-1).
 struct Listed<'a> {
     of: &'a Moved,
     lights: &'a wgpu::Buffer,
@@ -138,7 +138,7 @@ impl Points {
     /// their share tells.
     fn found(&self, gpu: &Gpu, listed: &[Listed]) -> Result<Changes> {
         let total: u64 = listed.iter().map(|l| u64::from(l.list.count)).sum();
-        let all: u64 = self.parts().map(|part| u64::from(part.live)).sum();
+        let all: u64 = self.batches.iter().map(|b| u64::from(b.part.points.count)).sum();
         let fits = total * size_of::<[u32; 4]>() as u64 <= gpu.max_binding();
         match total {
             0 => Ok(Changes::None),
@@ -174,8 +174,10 @@ impl Points {
         }
         Sorter::new(gpu, total)?.sort(gpu, &sorted.keys, &order, total, self.key_bits)?;
         let mut stage = gpu.stage("points_arrange");
-        self.arrange(&mut stage, total, (&order, &places), &sorted.places)?;
-        self.arrange(&mut stage, total, (&order, &lights), &sorted.lights)?;
+        for (taken, sorted) in [(&places, &sorted.places), (&lights, &sorted.lights)] {
+            let buffers = [taken, taken, sorted];
+            self.arrange(&mut stage, &self.arrange_fours, (&order, total), buffers)?;
+        }
         self.find(&mut stage, &sorted)?;
         stage.finish()?;
         Ok(sorted)

@@ -6,11 +6,10 @@
 //! consecutive keys, says where to begin; it needs no probing, and its size is bounded
 //! however small the radius.
 //!
-//! An update leaves points where they are. Those that went are dark from then on, those that
-//! came are sorted by themselves, another part of the field: sums of integers do not care
-//! in how many parts they are gathered. Where parts or dark points become many, all are sorted
-//! anew. What went and what came is known on the way (`changes`), so that segments take the
-//! ones out and add the others, and gather nothing else.
+//! An update leaves points in their order. Those that went are dropped, those that came are
+//! sorted by themselves and merged with the others. What went and what came is known on the
+//! way (`changes`), so that segments take the ones out and add the others, and gather
+//! nothing else.
 
 mod changes;
 
@@ -51,7 +50,7 @@ shared_struct! {
         pub buckets: u32,
         /// 1 / (4/3 pi r³).
         pub kernel: f32,
-        /// Place of the first point that is taken.
+        /// Place of the first point that is taken, or of the first new one.
         pub first: u32,
         /// -1 where what is taken has gone.
         pub sign: f32,
@@ -65,9 +64,6 @@ shared_struct! {
         pub pad: [u32; 2],
     }
 }
-
-/// Parts of a batch before all of it is sorted anew.
-const MAX_PARTS: usize = 4;
 
 /// Points in the order of their cells' keys, with what a gather needs of each.
 struct Sorted {
@@ -110,22 +106,13 @@ impl Sorted {
     }
 }
 
-/// Points that were sorted together. Those that went since are dark.
+/// Sorted points, and what updates need to know of them.
 struct Part {
     points: Sorted,
     /// The slot of each point.
     slots: wgpu::Buffer,
-    /// The mean extinction around each, 1/mm, where `even` divides by it; negative where a
-    /// point went before it changed.
+    /// The mean extinction around each, 1/mm, where `even` divides by it.
     means: wgpu::Buffer,
-    /// Points that are still where they were.
-    live: u32,
-}
-
-impl Part {
-    fn bytes(&self) -> u64 {
-        self.points.bytes() + self.slots.size() + self.means.size()
-    }
 }
 
 /// The points of one photon batch.
@@ -136,19 +123,12 @@ struct SortedBatch {
     photons: u32,
     /// Its slots, empty ones included.
     all_slots: u32,
-    parts: Vec<Part>,
+    part: Part,
 }
 
 impl SortedBatch {
     fn is_of(&self, batch: &Batch) -> bool {
         self.key == (batch.light_id, batch.first_index) && self.photons == batch.photons
-    }
-
-    /// Whether gathers would gain much if all were sorted anew.
-    fn is_loose(&self) -> bool {
-        let count =
-            |of: &dyn Fn(&Part) -> u32| self.parts.iter().map(|p| u64::from(of(p))).sum::<u64>();
-        self.parts.len() > MAX_PARTS || count(&|p| p.points.count) > 2 * count(&|p| p.live)
     }
 }
 
@@ -172,13 +152,15 @@ pub struct Points {
     mark: Arc<Kernel>,
     keep: Arc<Kernel>,
     key: Arc<Kernel>,
+    merge: Arc<Kernel>,
     mean: Arc<Kernel>,
     record: Arc<Kernel>,
     starts: Arc<Kernel>,
     compare: Arc<Kernel>,
     dirty: Arc<Kernel>,
     take: Arc<Kernel>,
-    arrange: Arc<Kernel>,
+    arrange_words: Arc<Kernel>,
+    arrange_fours: Arc<Kernel>,
 }
 
 impl Points {
@@ -223,13 +205,15 @@ impl Points {
             mark: gpu.kernel("points_mark", &[])?,
             keep: gpu.kernel("points_keep", &[])?,
             key: gpu.kernel("points_key", &[])?,
+            merge: gpu.kernel("points_merge", &[])?,
             mean: gpu.kernel("points_mean", &scene.flags(&["nearest", "float_voxels"]))?,
             record: record_kernel(gpu, scene, even)?,
             starts: gpu.kernel("points_starts", &[])?,
             compare: gpu.kernel("points_match", &[])?,
             dirty: gpu.kernel("points_dirty", &[])?,
             take: gpu.kernel("points_take", &[])?,
-            arrange: gpu.kernel("points_arrange", &[])?,
+            arrange_words: gpu.kernel("points_arrange", &[])?,
+            arrange_fours: gpu.kernel("points_arrange", &["fours"])?,
         })
     }
 
@@ -282,7 +266,7 @@ impl Points {
                 Some(own) => self.refreshed(gpu, scene, (map, batch), own)?,
                 None => {
                     let now = self.sorted(gpu, scene, (map, batch))?;
-                    self.moved.extend(now.parts.iter().map(|part| Moved::all(part, 1.0)));
+                    self.moved.push(Moved::all(&now.part, 1.0));
                     now
                 }
             };
@@ -290,22 +274,8 @@ impl Points {
             map.batches[i].stale = false;
             progress.at("sort", i as u64 + 1, total as u64);
         }
-        let parts = before.iter().flat_map(|gone| &gone.parts);
-        self.moved.extend(parts.map(|part| Moved::all(part, -1.0)));
+        self.moved.extend(before.iter().map(|gone| Moved::all(&gone.part, -1.0)));
         self.unsettled |= !self.moved.is_empty();
-        Ok(())
-    }
-
-    /// Sorts batches anew that have become loose. Changes no light.
-    ///
-    /// # Errors
-    /// The device failed.
-    pub fn tighten(&mut self, gpu: &Gpu, scene: &DeviceScene, map: &PhotonMap) -> Result<()> {
-        for i in 0..self.batches.len() {
-            if self.batches[i].is_loose() {
-                self.batches[i] = self.sorted(gpu, scene, (map, &map.batches[i]))?;
-            }
-        }
         Ok(())
     }
 
@@ -323,12 +293,12 @@ impl Points {
             key: (batch.light_id, batch.first_index),
             photons: batch.photons,
             all_slots,
-            parts: vec![self.part(gpu, scene, batch, &live)?],
+            part: self.part(gpu, scene, batch, &live)?,
         })
     }
 
     /// The points of a batch that are where they were, with the light that they have now, and
-    /// the others as another part; or all sorted anew where that is cheaper.
+    /// the others; or all sorted anew where that is cheaper.
     fn refreshed(
         &mut self,
         gpu: &Gpu,
@@ -337,28 +307,22 @@ impl Points {
         mut own: SortedBatch,
     ) -> Result<SortedBatch> {
         let mut new = self.live(gpu, batch, own.all_slots)?;
-        let mut kept = Vec::new();
-        for part in &mut own.parts {
-            kept.push(self.keep(gpu, batch, part, &new)?);
-        }
+        let kept = self.kept(gpu, batch, &own.part, &new)?;
         new.compact(gpu.stage("list"), None)?;
-        if cheaper_to_sort(new.count, own.parts.iter().map(|part| part.live).sum()) {
+        if cheaper_to_sort(new.count, kept.count) {
             let now = self.sorted(gpu, scene, (map, batch))?;
-            self.moved.extend(own.parts.iter().map(|part| Moved::all(part, -1.0)));
-            self.moved.extend(now.parts.iter().map(|part| Moved::all(part, 1.0)));
+            self.moved.extend([Moved::all(&own.part, -1.0), Moved::all(&now.part, 1.0)]);
             return Ok(now);
         }
-        for (part, kept) in own.parts.iter_mut().zip(&kept) {
-            let lights = gpu.buffer::<[f32; 4]>("point lights", part.points.count as usize)?;
-            let seen = std::mem::replace(&mut part.points.lights, lights);
-            self.record(gpu, scene, batch, (part, Some(&kept.marks)))?;
-            self.moved.push(Moved::since(seen, part));
-        }
-        own.parts.retain(|part| part.live > 0);
-        if new.count > 0 {
-            let part = self.part(gpu, scene, batch, &new)?;
-            self.moved.push(Moved::all(&part, 1.0));
-            own.parts.push(part);
+        let count = own.part.points.count;
+        let lights = gpu.buffer::<[f32; 4]>("point lights", count as usize)?;
+        let seen = std::mem::replace(&mut own.part.points.lights, lights);
+        self.record(gpu, scene, batch, (&own.part, Some(&kept.marks)))?;
+        self.moved.push(Moved::since(seen, &own.part));
+        if kept.count < count || new.count > 0 {
+            let new = self.part(gpu, scene, batch, &new)?;
+            self.moved.push(Moved::all(&new, 1.0));
+            own.part = self.merged(gpu, (&own.part, &kept), &new)?;
         }
         Ok(own)
     }
@@ -375,7 +339,7 @@ impl Points {
     }
 
     /// Finds the points of a part that are where they were. Their slots are no longer `new`.
-    fn keep(&self, gpu: &Gpu, batch: &Batch, part: &mut Part, new: &WorkList) -> Result<WorkList> {
+    fn kept(&self, gpu: &Gpu, batch: &Batch, part: &Part, new: &WorkList) -> Result<WorkList> {
         let count = part.points.count;
         let mut kept = WorkList::new(gpu, count)?;
         let bindings = [
@@ -390,7 +354,6 @@ impl Points {
         kept.unmark(&mut stage);
         stage.dispatch(&self.keep, count.into(), &bindings, &self.params(count))?;
         kept.compact(stage, None)?;
-        part.live = kept.count;
         Ok(kept)
     }
 
@@ -412,11 +375,12 @@ impl Points {
         Sorter::new(gpu, count)?.sort(gpu, &keys, &slots, count, self.key_bits)?;
         let points = Sorted::new(gpu, keys, count, &params)?;
         let mut stage = gpu.stage("points_starts");
-        self.arrange(&mut stage, count, (&slots, &batch.places), &points.places)?;
+        let places = [&batch.places, &batch.places, &points.places];
+        self.arrange(&mut stage, &self.arrange_fours, (&slots, count), places)?;
         self.find(&mut stage, &points)?;
         stage.finish()?;
         let means = gpu.buffer::<f32>("point means", if self.even { count as usize } else { 0 })?;
-        let part = Part { points, slots, means, live: count };
+        let part = Part { points, slots, means };
         self.record(gpu, scene, batch, (&part, None))?;
         Ok(part)
     }
@@ -450,16 +414,64 @@ impl Points {
         PointsParams { count, ..self.params }
     }
 
-    /// Items in another order: `to[i]` is `from[order[i]]`.
+    /// Points that are kept and new ones.
+    fn merged(&self, gpu: &Gpu, (before, kept): (&Part, &WorkList), new: &Part) -> Result<Part> {
+        let count = kept.count + new.points.count;
+        let words = |stage: &'static str| gpu.buffer::<u32>(stage, count as usize);
+        let order = words("points order")?;
+        let bindings = [
+            ("kept", (&kept.items).into()),
+            ("seen_keys", (&before.points.keys).into()),
+            ("seen_slots", (&before.slots).into()),
+            ("new_keys", (&new.points.keys).into()),
+            ("new_slots", (&new.slots).into()),
+            ("order", (&order).into()),
+        ];
+        let params = PointsParams { first: kept.count, ..self.params(count) };
+        let mut stage = gpu.stage("points_merge");
+        stage.dispatch(&self.merge, count.into(), &bindings, &params)?;
+        let points = Sorted::new(gpu, words("points keys")?, count, &self.params)?;
+        let part = Part {
+            slots: words("points slots")?,
+            means: gpu.buffer::<f32>("point means", if self.even { count as usize } else { 0 })?,
+            points,
+        };
+        let fours = [
+            [&before.points.places, &new.points.places, &part.points.places],
+            [&before.points.lights, &new.points.lights, &part.points.lights],
+        ];
+        for buffers in fours {
+            self.arrange(&mut stage, &self.arrange_fours, (&order, count), buffers)?;
+        }
+        let words = [
+            [&before.points.keys, &new.points.keys, &part.points.keys],
+            [&before.slots, &new.slots, &part.slots],
+            [&before.means, &new.means, &part.means],
+        ];
+        for buffers in &words[..if self.even { 3 } else { 2 }] {
+            self.arrange(&mut stage, &self.arrange_words, (&order, count), *buffers)?;
+        }
+        self.find(&mut stage, &part.points)?;
+        stage.finish()?;
+        Ok(part)
+    }
+
+    /// Items in another order: `to[i]` is the one of `from` that `order[i]` tells, or, where the
+    /// highest bit is set, of `others`.
     fn arrange(
         &self,
         stage: &mut Stage,
-        count: u32,
-        (order, from): (&wgpu::Buffer, &wgpu::Buffer),
-        to: &wgpu::Buffer,
+        kernel: &Kernel,
+        (order, count): (&wgpu::Buffer, u32),
+        [from, others, to]: [&wgpu::Buffer; 3],
     ) -> Result<()> {
-        let bindings = [("order", order.into()), ("before", from.into()), ("after", to.into())];
-        stage.dispatch(&self.arrange, count.into(), &bindings, &self.params(count))
+        let bindings = [
+            ("order", order.into()),
+            ("before", from.into()),
+            ("others", others.into()),
+            ("after", to.into()),
+        ];
+        stage.dispatch(kernel, count.into(), &bindings, &self.params(count))
     }
 
     /// Records where each bucket begins.
@@ -481,12 +493,10 @@ impl Points {
 
     /// All points.
     pub(crate) fn runs(&self) -> Vec<Run<'_>> {
-        let runs: Vec<_> = self.parts().map(|part| part.points.run()).collect();
-        if runs.is_empty() { vec![self.none.run()] } else { runs }
-    }
-
-    fn parts(&self) -> impl Iterator<Item = &Part> {
-        self.batches.iter().flat_map(|batch| &batch.parts)
+        match self.batches.is_empty() {
+            true => vec![self.none.run()],
+            false => self.batches.iter().map(|batch| batch.part.points.run()).collect(),
+        }
     }
 
     /// What went and what came since all segments were computed; `None` where all points are
@@ -499,42 +509,35 @@ impl Points {
         }
     }
 
-    /// The points of all batches that shine, each batch in the order of keys and slots:
-    /// position and direction, contribution and g.
+    /// The sorted points of all batches: position and direction, contribution and g.
     ///
     /// # Errors
     /// The device failed.
     pub fn read(&self, gpu: &Gpu) -> Result<Vec<([u32; 4], [u32; 4])>> {
         let mut all = Vec::new();
         for batch in &self.batches {
-            let mut shining = Vec::new();
-            for part in &batch.parts {
-                let words = |buffer| gpu.read::<u32>("points", buffer);
-                let fours = |buffer| gpu.read::<[u32; 4]>("points", buffer);
-                let order = words(&part.points.keys)?.into_iter().zip(words(&part.slots)?);
-                let points =
-                    fours(&part.points.places)?.into_iter().zip(fours(&part.points.lights)?);
-                let points = order.zip(points).take(part.points.count as usize);
-                shining.extend(points.filter(|(_, (_, light))| light[..3] != [0; 3]));
-            }
-            shining.sort_by_key(|(order, _)| *order);
-            all.extend(shining.into_iter().map(|(_, point)| point));
+            let points = &batch.part.points;
+            let places = gpu.read::<[u32; 4]>("point places", &points.places)?;
+            let lights = gpu.read::<[u32; 4]>("point lights", &points.lights)?;
+            all.extend(places.into_iter().zip(lights).take(points.count as usize));
         }
         Ok(all)
     }
 
-    /// Bytes that an update of all points takes beside them, at most: work lists of slots, of
-    /// points that are kept, that went and that came, at 4.25 bytes an item; the light that
-    /// points had before; and what went and came, half as many as there are points, twice.
+    /// Bytes that an update takes beside the points, at most: work lists of slots, of points
+    /// that are kept, that went and that came, at 4.25 bytes an item; the light that points had
+    /// before; half of them sorted by themselves, all of them merged, and their order; and what
+    /// went and came, half as many as there are points, twice.
     pub fn update_bytes(&self) -> u64 {
         let slots: u64 = self.batches.iter().map(|batch| u64::from(batch.all_slots)).sum();
-        let points: u64 = self.parts().map(|part| u64::from(part.points.count)).sum();
-        (17 * slots + 3 * 17 * points) / 4 + 16 * points + 72 * points / 2
+        let points: u64 = self.batches.iter().map(|b| u64::from(b.part.points.count)).sum();
+        (17 * slots + 3 * 17 * points) / 4 + (16 + 4 + 36) * points + self.bytes() * 3 / 2
     }
 
     /// Bytes of the sorted points and their tables.
     pub fn bytes(&self) -> u64 {
-        self.parts().map(Part::bytes).sum()
+        let of = |part: &Part| part.points.bytes() + part.slots.size() + part.means.size();
+        self.batches.iter().map(|batch| of(&batch.part)).sum()
     }
 }
 
@@ -544,7 +547,7 @@ fn record_kernel(gpu: &Gpu, scene: &DeviceScene, even: bool) -> Result<Arc<Kerne
     gpu.kernel("points_record", &flags)
 }
 
-/// Whether to sort all points anew rather than those that moved alone.
+/// Whether to sort all points anew rather than those that moved, and merge them with the others.
 fn cheaper_to_sort(moved: u32, kept: u32) -> bool {
     moved > kept
 }
