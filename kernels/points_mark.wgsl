@@ -1,7 +1,8 @@
-// Which slots enter the light field: interactions, and nothing else.
+// Which slots enter the light field: interactions, and nothing else. A thread for each word
+// of marks.
 
 import package::shared::item::item_index;
-import package::shared::marks::mark;
+import package::shared::marks::marks;
 import package::shared::points::PointsParams;
 import package::shared::slot::{INTERACTION, slot_kind};
 import package::constants::GROUP;
@@ -15,6 +16,13 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let slot = item_index(group, groups, local);
-    if slot < params.count && slot_kind(states[slot]) == INTERACTION { mark(slot); }
+    let word = item_index(group, groups, local);
+    let first = 32u * word;
+    if first >= params.count { return; }
+    let count = min(params.count - first, 32u);
+    var bits = 0u;
+    for (var i = 0u; i < count; i++) {
+        bits |= u32(states[first + i].y >> 30u == INTERACTION) << i;
+    }
+    atomicStore(&marks[word], bits);
 }

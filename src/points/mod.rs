@@ -332,8 +332,8 @@ impl Points {
         let live = WorkList::new(gpu, all_slots)?;
         let bindings = [("states", (&batch.states).into()), ("marks", (&live.marks).into())];
         let mut stage = gpu.stage("points_mark");
-        live.unmark(&mut stage);
-        stage.dispatch(&self.mark, all_slots.into(), &bindings, &self.params(all_slots))?;
+        let words = all_slots.div_ceil(32);
+        stage.dispatch(&self.mark, words.into(), &bindings, &self.params(all_slots))?;
         stage.finish()?;
         Ok(live)
     }
