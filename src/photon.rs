@@ -207,8 +207,7 @@ pub struct PhotonMap {
     query: Arc<Kernel>,
     copy: Arc<Kernel>,
     compare: Arc<Kernel>,
-    trace_pace: Pace,
-    weigh_pace: Pace,
+    pace: Pace,
 }
 
 impl PhotonMap {
@@ -256,8 +255,7 @@ impl PhotonMap {
             query: gpu.kernel("photon_query", &[])?,
             copy: gpu.kernel("journal", &[])?,
             compare: gpu.kernel("compare", &[])?,
-            trace_pace: Pace::new(1 << 14),
-            weigh_pace: Pace::new(1 << 14),
+            pace: Pace::new(1 << 14),
         };
         map.arrange(gpu, &scene.lights, ids)?;
         Ok(map)
@@ -467,7 +465,7 @@ impl PhotonMap {
             }
             Ok(())
         };
-        gpu.sliced("trace", total, &self.trace_pace, work, &mut |n| progress.at("trace", n, total))
+        gpu.sliced("trace", total, &self.pace, work, &mut |n| progress.at("trace", n, total))
     }
 
     /// Weighs again a part of a batch's work list in which no flight is invalid and no light
@@ -496,9 +494,7 @@ impl PhotonMap {
             };
             stage.dispatch(&self.weigh, range.end - range.start, &bindings, &params)
         };
-        gpu.sliced("weigh", total, &self.weigh_pace, work, &mut |n| {
-            progress.at("weigh", n, total)
-        })?;
+        gpu.sliced("weigh", total, &self.pace, work, &mut |n| progress.at("weigh", n, total))?;
         let done = counters.read(gpu)?.unfinished == 0;
         if !done {
             counters.restore(gpu)?;

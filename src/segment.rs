@@ -106,6 +106,10 @@ pub const LIST_READ: u32 = 1;
 /// Lists the others that see light that changed.
 pub const LIST_LIT: u32 = 2;
 
+/// Points that one thread tests in one dispatch, roughly: some drivers lose patience after a
+/// second or two.
+const TESTS_AT_ONCE: f64 = 262_144.0;
+
 /// Parts in which the points are gathered, at most.
 const MAX_PARTS: u32 = 1 << 12;
 
@@ -334,7 +338,7 @@ impl SegmentMap {
         let (gpu, counters) = (stage.gpu, stage.counters);
         let rays = self.strata[0] * self.strata[1];
         let total = u64::from(rays) * u64::from(self.params.height);
-        let mut parts = 1;
+        let mut parts = self.parts(stage);
         let mut recomputed = 0;
         for ray in 0..rays {
             for i in 0..self.bands.len() {
@@ -369,6 +373,17 @@ impl SegmentMap {
         }
         self.bands.iter_mut().for_each(|band| band.fresh = false);
         Ok([recomputed, u64::from(rays) * self.count()])
+    }
+
+    /// Parts in which to gather the points, so that no thread tests many more than
+    /// `TESTS_AT_ONCE` at a time if they are spread evenly.
+    fn parts(&self, stage: &SegmentStage) -> u32 {
+        let LightField::Points(points) = stage.field else { return 1 };
+        let (extent, step) = (stage.device.frame.extent, stage.device.frame.step);
+        let longest = extent.iter().map(|e| e * e).sum::<f32>().sqrt();
+        let samples = f64::from(longest / step / self.params.segments as f32) + 1.0;
+        let parts = samples * points.tests_per_sample() / TESTS_AT_ONCE;
+        (parts.ceil() as u32).clamp(1, MAX_PARTS)
     }
 
     fn list(

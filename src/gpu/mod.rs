@@ -92,6 +92,8 @@ pub struct Gpu {
     kernels: Mutex<HashMap<KernelKey, Arc<Kernel>>>,
     timings: Mutex<Timings>,
     clock: Mutex<Clock>,
+    /// What was recorded and waits to be submitted.
+    recorded: Mutex<Vec<wgpu::CommandBuffer>>,
     slice_budget: Duration,
 }
 
@@ -221,6 +223,7 @@ impl Gpu {
             kernels: Mutex::default(),
             timings: Mutex::default(),
             clock: Mutex::default(),
+            recorded: Mutex::default(),
             slice_budget: Duration::from_millis(100),
         }
     }
@@ -308,8 +311,9 @@ impl Gpu {
         self.check(stage).map(|()| buffer)
     }
 
-    /// Overwrites the beginning of `buffer`.
+    /// Overwrites the beginning of `buffer`, after all that was recorded before.
     pub fn write<T: bytemuck::Pod>(&self, buffer: &wgpu::Buffer, data: &[T]) {
+        self.submit();
         self.queue.write_buffer(buffer, 0, bytemuck::cast_slice(data));
     }
 
@@ -322,7 +326,7 @@ impl Gpu {
         let staging = self.staging(stage, size);
         let mut encoder = self.device.create_command_encoder(&Default::default());
         encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, size);
-        self.queue.submit([encoder.finish()]);
+        self.record(encoder.finish());
         self.map_and_copy(stage, &staging)
     }
 
@@ -334,7 +338,7 @@ impl Gpu {
         let staging = self.staging(stage, 4);
         let mut encoder = self.device.create_command_encoder(&Default::default());
         encoder.copy_buffer_to_buffer(buffer, 4 * index, &staging, 0, 4);
-        self.queue.submit([encoder.finish()]);
+        self.record(encoder.finish());
         self.map_and_copy(stage, &staging).map(|words| words[0])
     }
 
@@ -353,6 +357,7 @@ impl Gpu {
         stage: &str,
         staging: &wgpu::Buffer,
     ) -> Result<Vec<T>> {
+        self.submit();
         // Whatever the callback would say, the mapping below says again.
         staging.map_async(wgpu::MapMode::Read, .., |_| {});
         self.wait(stage)?;
@@ -363,8 +368,23 @@ impl Gpu {
         Ok(copy)
     }
 
-    /// Waits until the queue is empty.
+    /// Takes recorded work. It is submitted with what comes after it, once somebody waits.
+    pub(crate) fn record(&self, work: wgpu::CommandBuffer) {
+        lock(&self.recorded).push(work);
+    }
+
+    /// Submits all recorded work.
+    pub(super) fn submit(&self) {
+        // Under the lock, so that no thread's work overtakes another's.
+        let mut recorded = lock(&self.recorded);
+        if !recorded.is_empty() {
+            self.queue.submit(recorded.drain(..));
+        }
+    }
+
+    /// Waits until all recorded work is done.
     pub(crate) fn wait(&self, stage: &str) -> Result<()> {
+        self.submit();
         // wgpu panics where it finds the device lost while it waits, and only there.
         let waited = catch_unwind(AssertUnwindSafe(|| {
             self.device.poll(wgpu::PollType::wait_indefinitely())

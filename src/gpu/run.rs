@@ -79,7 +79,7 @@ pub fn groups_for(items: u64) -> [u32; 2] {
     [groups.div_ceil(rows) as u32, rows as u32]
 }
 
-/// Dispatches that are submitted together.
+/// Dispatches that are recorded together.
 pub struct Stage<'g> {
     gpu: &'g Gpu,
     name: &'static str,
@@ -101,7 +101,7 @@ struct Stamps {
     staging: wgpu::Buffer,
 }
 
-/// The timestamps of stages that were submitted.
+/// The timestamps of stages that have ended.
 #[derive(Default)]
 pub(super) struct Clock {
     unread: Vec<(Stamps, Vec<&'static str>)>,
@@ -203,12 +203,13 @@ impl Gpu {
         Ok(())
     }
 
-    /// Waits for all stages, and notes their times.
+    /// Waits for all stages that ended, and notes their times.
     pub(super) fn read_clock(&self) -> Result<()> {
         let unread = std::mem::take(&mut lock(&self.clock).unread);
         let Some(tick) = self.tick.filter(|_| !unread.is_empty()) else {
             return Ok(());
         };
+        self.submit();
         for (stamps, _) in &unread {
             stamps.staging.map_async(wgpu::MapMode::Read, .., |_| {});
         }
@@ -302,7 +303,7 @@ impl<'g> Stage<'g> {
         self.encoder.copy_buffer_to_buffer(from, 0, to, 0, bytes);
     }
 
-    /// Submits. Nobody waits, unless the device has no clock and the host's must do.
+    /// Ends the stage. Nobody waits, unless the device has no clock and the host's must do.
     ///
     /// # Errors
     /// The device failed.
@@ -318,7 +319,7 @@ impl<'g> Stage<'g> {
             gpu.wait(self.name)?;
         }
         let begun = Instant::now();
-        gpu.queue().submit([self.encoder.finish()]);
+        gpu.record(self.encoder.finish());
         gpu.check(self.name)?;
         if let Some(stamps) = self.stamps {
             let mut clock = lock(&gpu.clock);

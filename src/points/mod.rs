@@ -491,6 +491,13 @@ impl Points {
         self.moved.clear();
     }
 
+    /// Points that a gather tests at a sample, if they are spread evenly.
+    pub(crate) fn tests_per_sample(&self) -> f64 {
+        let all: f64 = self.batches.iter().map(|b| f64::from(b.part.points.count)).sum();
+        let cells: f64 = self.params.grid.iter().map(|&n| f64::from(n)).product();
+        all * (27.0 / cells).min(1.0)
+    }
+
     /// All points.
     pub(crate) fn runs(&self) -> Vec<Run<'_>> {
         match self.batches.is_empty() {
