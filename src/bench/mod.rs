@@ -11,6 +11,8 @@ pub mod sweeps;
 pub mod table1;
 pub mod visits;
 
+use std::time::{Duration, Instant};
+
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::gpu::run::Timing;
@@ -43,6 +45,17 @@ fn built_in(name: &str) -> Result<Scene> {
     Scene::parse(text, name)
 }
 
+/// Rebuilds a frame until a hardware adapter has found its clock rate, which falls while it idles.
+fn warm(gpu: &Gpu, frame: &mut PhotonFrame, progress: &mut Progress) -> Result<()> {
+    let begun = Instant::now();
+    while gpu.report().kind != "software" && begun.elapsed() < WARM_UP {
+        measure::rebuild(gpu, frame, progress)?;
+    }
+    Ok(())
+}
+
+const WARM_UP: Duration = Duration::from_millis(500);
+
 /// An edit, applied and undone `runs` times over.
 struct Edited {
     /// What the first did: later ones may meet tighter histories.
@@ -58,6 +71,7 @@ fn edited(
     runs: usize,
     progress: &mut Progress,
 ) -> Result<Edited> {
+    warm(gpu, frame, progress)?;
     let mut costs = Vec::new();
     let mut first = None;
     for _ in 0..runs {
@@ -78,6 +92,7 @@ fn rebuilt(
     progress: &mut Progress,
 ) -> Result<Edited> {
     let mut frame = measure::fresh(gpu, scene, volume)?;
+    warm(gpu, &mut frame, progress)?;
     let mut costs = Vec::new();
     let mut last = Updated::default();
     for _ in 0..runs {

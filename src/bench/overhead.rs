@@ -2,7 +2,7 @@
 
 use serde_json::json;
 
-use super::{Effort, Report, Sheet, built_in, median, quantile, without_histories};
+use super::{Effort, Report, Sheet, built_in, median, quantile, warm, without_histories};
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::measure;
@@ -46,6 +46,7 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
                 measure::fresh(gpu, &without_histories(&scene), &volume)?,
                 measure::fresh(gpu, &scene, &volume)?,
             ];
+            warm(gpu, &mut frames[0], silent)?;
             let (mut kernels, mut trace) = ([const { Vec::new() }; 2], [const { Vec::new() }; 2]);
             for _ in 0..effort.runs {
                 for (i, frame) in frames.iter_mut().enumerate() {
