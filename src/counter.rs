@@ -46,6 +46,21 @@ impl Counters {
         self.steps + self.tentative + self.samples + self.gathered + self.deposits
     }
 
+    /// Fails where a segment's sums of light did not fit.
+    ///
+    /// # Errors
+    /// One did not.
+    pub fn all_fitted(&self) -> Result<()> {
+        match self.overflown {
+            0 => Ok(()),
+            _ => Err(Error::capacity(
+                "segment",
+                "sums of light do not fit 52 bits; raise `flux_unit`, or lower `radius` and the \
+                 lights' power",
+            )),
+        }
+    }
+
     /// Fails where the driver ended a loop before its time.
     ///
     /// # Errors

@@ -187,7 +187,6 @@ impl Fluence {
     /// # Errors
     /// The device failed, or ended the loops that deposited flights or mark cells.
     pub fn resolve(&mut self, gpu: &Gpu, dirty: &Dirty, counters: &CounterBuffer) -> Result<()> {
-        counters.read(gpu)?.all_finished("deposit", "lower `grid`")?;
         std::mem::swap(&mut self.before, &mut self.view);
         let mut stage = gpu.stage("resolve");
         let cells = self.grid.iter().map(|&n| u64::from(n)).product();
@@ -198,7 +197,7 @@ impl Fluence {
         let params = ResolveParams { grid, per_sum, edge, pad: 0 };
         stage.dispatch(&self.resolve, cells, &bindings, &params)?;
         stage.finish()?;
-        counters.read(gpu)?.all_finished("fluence", "raise `grid`")
+        counters.read(gpu)?.all_finished("fluence", "change `grid`")
     }
 
     /// The resolved field, by the names that the segment kernel gives it.

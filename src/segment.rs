@@ -335,7 +335,7 @@ impl SegmentMap {
         split: &Split,
         progress: &mut Progress,
     ) -> Result<[u64; 2]> {
-        let (gpu, counters) = (stage.gpu, stage.counters);
+        let gpu = stage.gpu;
         let rays = self.strata[0] * self.strata[1];
         let total = u64::from(rays) * u64::from(self.params.height);
         let mut parts = self.parts(stage);
@@ -363,13 +363,6 @@ impl SegmentMap {
                 let rows = u64::from(ray * self.params.height + band.first_row + band.rows);
                 progress.at("segment", rows, total);
             }
-        }
-        if counters.read(gpu)?.overflown > 0 {
-            return Err(Error::capacity(
-                "segment",
-                "sums of light do not fit 52 bits; raise `flux_unit`, or lower `radius` and the \
-                 lights' power",
-            ));
         }
         self.bands.iter_mut().for_each(|band| band.fresh = false);
         Ok([recomputed, u64::from(rays) * self.count()])

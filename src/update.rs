@@ -59,6 +59,12 @@ pub struct Phases {
     pub segments: f64,
 }
 
+// What the device's clock sums the times of an update by.
+const ELSEWHERE: usize = 0;
+const PHOTONS: usize = 1;
+const LIGHT_FIELD: usize = 2;
+const SEGMENTS: usize = 3;
+
 /// What an update did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Updated {
@@ -354,26 +360,34 @@ impl PhotonFrame {
                 self.map.arrange(gpu, &self.scene.lights, &light_ids(&self.source))?;
                 self.restart();
             }
-            let begun = gpu.measured_ms()?;
+            let before = gpu.phase_ms()?;
+            gpu.enter(PHOTONS);
             done.listed = self.list_photons(gpu, split)?;
             if !self.photons(gpu, done.listed, progress)? || progress.stops("light field") {
                 return Ok(done);
             }
-            let traced = gpu.measured_ms()?;
+            gpu.enter(LIGHT_FIELD);
             self.light_field(gpu, progress)?;
             if progress.stops("segments") {
                 return Ok(done);
             }
-            let lit = gpu.measured_ms()?;
+            gpu.enter(SEGMENTS);
             [done.recomputed, done.segments] = self.view(gpu, split, progress)?;
-            done.phases = Phases {
-                photons: traced - begun,
-                light_field: lit - traced,
-                segments: gpu.measured_ms()? - lit,
-            };
+            done.counts = self.counts(gpu)?;
+            done.counts.all_fitted()?;
             self.settle(gpu)?;
+            gpu.enter(ELSEWHERE);
+            let after = gpu.phase_ms()?;
+            let took = |phase: usize| after[phase] - before[phase];
+            done.phases = Phases {
+                photons: took(PHOTONS),
+                light_field: took(LIGHT_FIELD),
+                segments: took(SEGMENTS),
+            };
+        } else {
+            done.counts = self.counts(gpu)?;
         }
-        (done.finished, done.counts) = (true, self.counts(gpu)?);
+        done.finished = true;
         if rebuilds {
             (done.counts.invalid, done.counts.changed) = (done.photons, done.photons);
         }

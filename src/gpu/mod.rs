@@ -262,15 +262,6 @@ impl Gpu {
         Ok(std::mem::take(&mut lock(&self.timings)))
     }
 
-    /// The sum of the times measured since [`Self::take_timings`], ms, all work being done.
-    ///
-    /// # Errors
-    /// The device failed.
-    pub fn measured_ms(&self) -> Result<f64> {
-        self.read_clock()?;
-        Ok(lock(&self.timings).ms(""))
-    }
-
     /// The first fault that the device reported since the last look, if any.
     pub(crate) fn check(&self, stage: &str) -> Result<()> {
         let mut faults = lock(&self.faults);

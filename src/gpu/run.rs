@@ -57,11 +57,6 @@ impl Timings {
         &self.0
     }
 
-    /// Milliseconds of the stages whose name begins with `prefix`.
-    pub fn ms(&self, prefix: &str) -> f64 {
-        self.0.iter().filter(|row| row.stage.starts_with(prefix)).map(|row| row.ms).sum()
-    }
-
     fn add(&mut self, stage: &'static str, ms: f64) {
         let at = self.0.iter().position(|row| row.stage == stage).unwrap_or_else(|| {
             self.0.push(Timing { stage, ms: 0.0, dispatches: 0 });
@@ -101,11 +96,16 @@ struct Stamps {
     staging: wgpu::Buffer,
 }
 
+/// Phases that times are summed by, beside their names.
+pub const PHASES: usize = 4;
+
 /// The timestamps of stages that have ended.
 #[derive(Default)]
 pub(super) struct Clock {
-    unread: Vec<(Stamps, Vec<&'static str>)>,
+    unread: Vec<(Stamps, Vec<&'static str>, usize)>,
     spare: Vec<Stamps>,
+    phase: usize,
+    phases: [f64; PHASES],
 }
 
 /// How many items of one kind of work a slice takes, as its past slices tell.
@@ -145,6 +145,20 @@ impl Gpu {
             stamps: self.tick.map(|_| spare.unwrap_or_else(|| self.stamps())),
             dispatched: Vec::new(),
         }
+    }
+
+    /// Has the times of the stages that end from now on summed as this phase, below [`PHASES`].
+    pub fn enter(&self, phase: usize) {
+        lock(&self.clock).phase = phase;
+    }
+
+    /// The sum of all times of each phase, ms, all work being done.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn phase_ms(&self) -> Result<[f64; PHASES]> {
+        self.read_clock()?;
+        Ok(lock(&self.clock).phases)
     }
 
     fn stamps(&self) -> Stamps {
@@ -210,24 +224,32 @@ impl Gpu {
             return Ok(());
         };
         self.submit();
-        for (stamps, _) in &unread {
+        for (stamps, ..) in &unread {
             stamps.staging.map_async(wgpu::MapMode::Read, .., |_| {});
         }
         self.wait("timestamps")?;
-        for (stamps, names) in unread {
+        for (stamps, names, phase) in unread {
             let view = stamps.staging.get_mapped_range(..);
             let view = view.map_err(|e| Error::device("timestamps", e.to_string()))?;
-            let mut timings = lock(&self.timings);
-            for (name, pair) in names.into_iter().zip(view.chunks_exact(16)) {
+            let times = view.chunks_exact(16).map(|pair| {
                 let [begin, end] =
                     [0, 8].map(|at| bytemuck::pod_read_unaligned::<u64>(&pair[at..at + 8]));
-                timings.add(name, end.saturating_sub(begin) as f64 * f64::from(tick) * 1e-6);
-            }
-            drop((timings, view));
+                end.saturating_sub(begin) as f64 * f64::from(tick) * 1e-6
+            });
+            self.note(names.into_iter().zip(times), phase);
+            drop(view);
             stamps.staging.unmap();
             lock(&self.clock).spare.push(stamps);
         }
         Ok(())
+    }
+
+    fn note(&self, times: impl Iterator<Item = (&'static str, f64)>, phase: usize) {
+        let (mut timings, mut clock) = (lock(&self.timings), lock(&self.clock));
+        for (name, ms) in times {
+            timings.add(name, ms);
+            clock.phases[phase] += ms;
+        }
     }
 }
 
@@ -325,7 +347,10 @@ impl<'g> Stage<'g> {
             let mut clock = lock(&gpu.clock);
             match count {
                 0 => clock.spare.push(stamps),
-                _ => clock.unread.push((stamps, self.dispatched)),
+                _ => {
+                    let phase = clock.phase;
+                    clock.unread.push((stamps, self.dispatched, phase));
+                }
             }
             let full = clock.unread.len() >= UNREAD_STAGES;
             drop(clock);
@@ -333,8 +358,8 @@ impl<'g> Stage<'g> {
         }
         gpu.wait(self.name)?;
         let ms = milliseconds(begun.elapsed()) / f64::from(count);
-        let mut timings = lock(&gpu.timings);
-        self.dispatched.iter().for_each(|name| timings.add(name, ms));
+        let phase = lock(&gpu.clock).phase;
+        gpu.note(self.dispatched.into_iter().map(|name| (name, ms)), phase);
         Ok(())
     }
 }
