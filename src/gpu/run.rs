@@ -128,9 +128,8 @@ impl Pace {
             let next = items as f64 * share.recip().clamp(0.25, 4.0);
             self.slice.set((next as u64).max(GROUP.into()));
         }
-        if share <= 1.0 {
-            self.proven.set(self.proven.get().max(items));
-        }
+        let proven = self.proven.get();
+        self.proven.set(if share <= 1.0 { proven.max(items) } else { proven.min(items - 1) });
     }
 }
 

@@ -1,5 +1,6 @@
 //! Everything that a frame holds, bit for bit.
 
+use super::gpu;
 use photogram::counter::Counters;
 use photogram::frame::DeviceScene;
 use photogram::gpu::Gpu;
@@ -27,6 +28,14 @@ pub fn rebuild(gpu: &Gpu, scene: &Scene, volume: &Volume, split: &Split) -> Snap
     let mut frame = PhotonFrame::new(gpu, scene, device, scene.settings.rays, split).expect("fits");
     frame.rebuild(gpu, split, &mut Progress::silent()).expect("rebuilds");
     snapshot(gpu, &frame)
+}
+
+/// What differs between a frame and a rebuild of the scene from nothing, histories aside.
+pub fn difference(frame: &PhotonFrame, scene: &Scene, volume: &Volume) -> Option<&'static str> {
+    let order = Snapshot::points_in_any_order;
+    let now = order(snapshot(gpu(), frame).without_histories());
+    let fresh = rebuild(gpu(), scene, volume, &Split::default()).without_histories();
+    now.difference(&order(fresh))
 }
 
 /// What the frame holds now.

@@ -1,0 +1,439 @@
+//! Edits and moments that an update may get wrong, each by itself: it leaves what a rebuild
+//! leaves all the same, and does no more than it must.
+
+mod common;
+
+use common::gpu;
+use common::snapshot::{difference, snapshot};
+use common::world::{WORLD, frame, update, world};
+use glam::{DMat3, DVec3, Vec3};
+use photogram::render::{Progress, Split};
+use photogram::scene::{Estimator, Filter, Scene, Weighting};
+use photogram::segment::LightField;
+use photogram::update::{PhotonFrame, Scope, Updated};
+use photogram::volume::Volume;
+
+/// Applies an edit to a fresh frame and checks it; returns what the update did.
+fn check(estimator: Estimator, edit: impl Fn(&mut Scene)) -> (Scope, Updated) {
+    let (mut scene, volume) = world(estimator, Weighting::Even, Filter::Linear);
+    let mut frame = frame(&scene, &volume, &Split::default());
+    edit(&mut scene);
+    let (scope, done) = update(&mut frame, &scene, &Split::default());
+    assert_eq!(difference(&frame, &scene, &volume), None, "{estimator}");
+    (scope, done)
+}
+
+fn check_both(edit: impl Fn(&mut Scene)) -> [Updated; 2] {
+    [Estimator::Fluence, Estimator::Points].map(|estimator| check(estimator, &edit).1)
+}
+
+#[test]
+fn an_edit_that_changes_no_entry_visits_nothing() {
+    for estimator in [Estimator::Fluence, Estimator::Points] {
+        // The window lies beyond all values; then nothing at all is edited.
+        let beyond = |s: &mut Scene| {
+            let mut m = s.materials[0].clone();
+            (m.name, m.ramp) = ("beyond".into(), vec![[9000.0, 1.0], [9100.0, 1.0]]);
+            s.materials.push(m);
+        };
+        for edit in [beyond as fn(&mut Scene), |_| ()] {
+            let (scope, done) = check(estimator, edit);
+            assert_eq!(scope, Scope::Nothing);
+            assert_eq!((done.counts.visits(), done.listed, done.recomputed), (0, 0, 0));
+        }
+    }
+}
+
+#[test]
+fn a_colour_edit_makes_no_tentative_collision() {
+    for done in check_both(|s| s.materials[2].colour = DVec3::new(0.3, 0.5, 0.9)) {
+        assert!(done.counts.reweighed > 0 && done.recomputed > 0);
+        assert_eq!((done.counts.tentative, done.counts.invalid), (0, 0));
+    }
+}
+
+#[test]
+fn a_transparent_value_made_opaque_stops_what_had_flown_through_and_left() {
+    // Nothing but bone at first: photons leave through flesh without a collision there.
+    let bone_alone = |s: &mut Scene| s.materials.retain(|m| m.name == "bone");
+    for estimator in [Estimator::Fluence, Estimator::Points] {
+        let (home, volume) = world(estimator, Weighting::Even, Filter::Linear);
+        let mut scene = home.clone();
+        bone_alone(&mut scene);
+        let mut frame = frame(&scene, &volume, &Split::default());
+        // Skipped macro-cells, too: much of the volume was empty.
+        let (_, done) = update(&mut frame, &home, &Split::default());
+        assert!(done.counts.changed > 0);
+        assert_eq!(difference(&frame, &home, &volume), None, "{estimator}");
+    }
+}
+
+#[test]
+fn awkward_edits_are_exact() {
+    type Edit = (&'static str, fn(&mut Scene), fn(&Updated) -> bool);
+    let edits: [Edit; 9] = [
+        (
+            "everything changes",
+            |s| s.materials.iter_mut().for_each(|m| m.extinction *= 0.5),
+            |done| 10 * done.counts.changed > done.photons,
+        ),
+        ("all is removed", |s| s.materials.clear(), |done| 10 * done.counts.changed > done.photons),
+        (
+            "the occluder goes",
+            |s| s.materials.retain(|m| m.name != "soft"),
+            |done| done.counts.invalid > 0 && done.counts.changed > 0,
+        ),
+        (
+            "what scattered only absorbs",
+            |s| s.materials[1].scatter = 0.0,
+            |done| done.counts.reweighed > 0 && done.counts.invalid == 0,
+        ),
+        (
+            "emission comes",
+            |s| s.materials[2].emission = DVec3::new(0.1, 0.0, 0.0),
+            |done| done.recomputed > 0,
+        ),
+        ("a light goes", |s| drop(s.lights.remove(0)), |done| done.recomputed > 0),
+        ("all lights go", |s| s.lights.clear(), |done| done.recomputed > 0),
+        (
+            "a light goes out",
+            |s| s.lights[0].emitted = DVec3::ZERO,
+            |done| done.counts.reweighed > 0 && done.counts.changed > 0,
+        ),
+        ("the background", |s| s.background = DVec3::ONE, |done| done.counts.visits() == 0),
+    ];
+    for (what, edit, expected) in edits {
+        for done in check_both(edit) {
+            assert!(expected(&done), "{what}: {done:?}");
+        }
+    }
+}
+
+/// Nobody sees the colour of what scatters nothing.
+#[test]
+fn the_colour_of_what_only_absorbs_is_no_edit() {
+    for estimator in [Estimator::Fluence, Estimator::Points] {
+        let (mut scene, volume) = world(estimator, Weighting::Even, Filter::Linear);
+        scene.materials[1].scatter = 0.0;
+        let mut frame = frame(&scene, &volume, &Split::default());
+        scene.materials[1].colour = DVec3::new(0.3, 0.5, 0.9);
+        let (scope, done) = update(&mut frame, &scene, &Split::default());
+        assert_eq!(scope, Scope::Nothing);
+        assert_eq!((done.counts.visits(), done.listed, done.recomputed), (0, 0, 0));
+        assert_eq!(difference(&frame, &scene, &volume), None, "{estimator}");
+    }
+}
+
+/// A scene over few voxels, seen with the nearest filter, of one thin tissue.
+fn few_values(estimator: Estimator, size: u32, value: impl Fn([u32; 3]) -> u16) -> (Scene, Volume) {
+    let mut values = Vec::new();
+    for at in 0..size.pow(3) {
+        values.push(value([at % size, at / size % size, at / size / size]));
+    }
+    let volume = Volume::new([size; 3], DVec3::ONE, DMat3::IDENTITY, DVec3::ZERO, values)
+        .expect("a sound volume");
+    let text = &WORLD[WORLD.find("[camera]").expect("a camera")..];
+    let mut scene = common::scene_over(&volume, text);
+    (scene.filter, scene.settings.estimator) = (Filter::Nearest, Some(estimator));
+    scene.materials.truncate(1);
+    scene.materials[0].ramp = vec![[0.0, 1.0], [5000.0, 1.0]];
+    (scene, volume)
+}
+
+/// Values on the edges of bins, the top value, and windows that no value lies in. With a
+/// range of 4096 each value is an entry, and 64 of them are a bin.
+#[test]
+fn values_on_the_edge_are_met_and_no_others() {
+    const VALUES: [u16; 8] = [0, 1022, 1023, 1024, 1025, 2111, 2113, 4096];
+    let edits = [
+        (1023.0, true),
+        (1024.0, true),
+        (1026.0, false),
+        (2048.0, false),
+        (2112.0, false),
+        (4095.0, true),
+        (4096.0, false),
+        (-200.0, false),
+    ];
+    for estimator in [Estimator::Fluence, Estimator::Points] {
+        for (low, is_met) in edits {
+            let (mut scene, volume) =
+                few_values(estimator, 8, |[i, j, k]| VALUES[((i ^ j ^ k) % 8) as usize]);
+            let mut frame = frame(&scene, &volume, &Split::default());
+            let mut new = scene.materials[0].clone();
+            (new.name, new.extinction) = ("new".into(), 0.5);
+            new.ramp = vec![[low, 1.0], [low + 1.0, 1.0]];
+            scene.materials.push(new);
+            let (_, done) = update(&mut frame, &scene, &Split::default());
+            assert_eq!(done.counts.changed > 0, is_met, "{estimator}, {low}: {done:?}");
+            assert_eq!(difference(&frame, &scene, &volume), None, "{estimator}, {low}");
+        }
+    }
+}
+
+#[test]
+fn an_edit_inside_a_skipped_macro_cell_is_found() {
+    for estimator in [Estimator::Fluence, Estimator::Points] {
+        // Flesh in one corner; bone in the middle of nothing, two macro-cells away.
+        let (mut scene, volume) = few_values(estimator, 40, |at| {
+            let within = |low, high| at.iter().all(|x| (low..high).contains(x));
+            2000 * u16::from(within(26, 30)) + 100 * u16::from(within(0, 6))
+        });
+        scene.materials[0].ramp = vec![[50.0, 1.0], [150.0, 1.0]];
+        let mut bone = scene.materials[0].clone();
+        (bone.name, bone.extinction) = ("bone".into(), 1.5);
+        bone.ramp = vec![[1900.0, 1.0], [2100.0, 1.0]];
+        let mut both = scene.clone();
+        both.materials.push(bone);
+        let mut frame = frame(&scene, &volume, &Split::default());
+        for scene in [&both, &scene, &both] {
+            let (_, done) = update(&mut frame, scene, &Split::default());
+            assert!(done.counts.changed > 0 && done.counts.changed < done.photons / 2, "{done:?}");
+            assert!(done.recomputed > 0);
+            assert_eq!(difference(&frame, scene, &volume), None, "{estimator}");
+        }
+    }
+}
+
+/// The mean extinction around a point depends on what its ball reaches in the next macro-cell.
+#[test]
+fn a_ball_reaches_into_the_next_macro_cell() {
+    // Flesh in one macro-cell, bone in the next, and nothing between.
+    let (mut scene, volume) = few_values(Estimator::Points, 16, |[i, _, _]| match i {
+        0..8 => 100,
+        8 => 0,
+        _ => 2000,
+    });
+    scene.settings.radius = Some(2.5);
+    scene.materials[0].extinction = 0.2;
+    scene.materials[0].ramp = vec![[50.0, 1.0], [150.0, 1.0]];
+    let mut bone = scene.materials[0].clone();
+    (bone.name, bone.extinction) = ("bone".into(), 0.1);
+    bone.ramp = vec![[1900.0, 1.0], [2100.0, 1.0]];
+    scene.materials.push(bone);
+    let mut frame = frame(&scene, &volume, &Split::default());
+    scene.materials[1].extinction = 0.11;
+    let (_, done) = update(&mut frame, &scene, &Split::default());
+    assert!(done.counts.changed > 0 && done.counts.changed < done.photons / 2, "{done:?}");
+    assert_eq!(difference(&frame, &scene, &volume), None);
+}
+
+#[test]
+fn lights_come_into_the_dark() {
+    for estimator in [Estimator::Fluence, Estimator::Points] {
+        let (home, volume) = world(estimator, Weighting::Even, Filter::Linear);
+        let mut dark = home.clone();
+        dark.lights.clear();
+        let split = Split { batch_photons: Some(300), ..Split::default() };
+        let mut frame = frame(&dark, &volume, &split);
+        let mut boundaries = Vec::new();
+        frame.edit(gpu(), &home, &split).expect("applies");
+        let mut never = |boundary: &str| {
+            boundaries.push(boundary.to_owned());
+            false
+        };
+        frame.update(gpu(), &split, &mut Progress::until(&mut never)).expect("updates");
+        assert!(boundaries.len() < 10, "the journal has no room: {} parts", boundaries.len());
+        assert_eq!(difference(&frame, &home, &volume), None, "{estimator}");
+    }
+}
+
+#[test]
+fn a_light_that_goes_out_shines_again() {
+    for estimator in [Estimator::Fluence, Estimator::Points] {
+        let (home, volume) = world(estimator, Weighting::Even, Filter::Linear);
+        let mut dark = home.clone();
+        dark.lights[0].emitted = DVec3::ZERO;
+        let mut frame = frame(&dark, &volume, &Split::default());
+        update(&mut frame, &home, &Split::default());
+        assert_eq!(difference(&frame, &home, &volume), None, "{estimator}");
+    }
+}
+
+/// Photons that ended without power go on where they never flew: a flight each, though no
+/// history tells.
+#[test]
+fn what_only_absorbed_scatters_again() {
+    for estimator in [Estimator::Fluence, Estimator::Points] {
+        let (home, volume) = world(estimator, Weighting::Even, Filter::Linear);
+        let mut black = home.clone();
+        black.materials[1].scatter = 0.0;
+        let mut frame = frame(&black, &volume, &Split::default());
+        let (_, done) = update(&mut frame, &home, &Split::default());
+        assert!(done.counts.invalid == 0 && done.counts.tentative > 0, "{:?}", done.counts);
+        assert_eq!(difference(&frame, &home, &volume), None, "{estimator}");
+    }
+}
+
+#[test]
+fn the_smallest_frames_are_exact() {
+    let (mut scene, volume) = world(Estimator::Fluence, Weighting::Even, Filter::Linear);
+    (scene.camera.width, scene.camera.height) = (1, 1);
+    (scene.settings.photons, scene.settings.segments) = (1, 1);
+    scene.settings.max_events = 1;
+    let mut frame = frame(&scene, &volume, &Split::default());
+    for extinction in [0.0, 1.9, 0.01] {
+        scene.materials[0].extinction = extinction;
+        update(&mut frame, &scene, &Split::default());
+        assert_eq!(difference(&frame, &scene, &volume), None);
+    }
+}
+
+/// A volume of one voxel of 1 mm, all of one material.
+fn one_voxel(estimator: Estimator, photons: u32) -> (Scene, Volume) {
+    let volume = Volume::new([1; 3], DVec3::ONE, DMat3::IDENTITY, DVec3::ZERO, vec![7_u16])
+        .expect("a sound volume");
+    let (_, lights) = WORLD.split_once("[[light]]").expect("lights");
+    let (lights, _) = lights.split_once("[[material]]").expect("materials");
+    let text = format!(
+        "[camera]\nfrom = [0, -1, 0]\nwidth = 6\nheight = 6\n[[light]]{lights}[[material]]\nname = \
+         \"all\"\nwindow = [0, 10]\nextinction = 1.0\nalbedo = 0.5\n[settings]\nphotons = {photons}\n\
+         max_events = 4\nsegments = 2\nrays = 1\nmajorant = 2.0\n"
+    );
+    let mut scene = common::scene_over(&volume, &text);
+    scene.settings.estimator = Some(estimator);
+    (scene, volume)
+}
+
+#[test]
+fn one_voxel_is_exact() {
+    for estimator in [Estimator::Fluence, Estimator::Points] {
+        let (mut scene, volume) = one_voxel(estimator, 200);
+        let mut frame = frame(&scene, &volume, &Split::default());
+        for extinction in [0.3, 0.0, 1.9] {
+            scene.materials[0].extinction = extinction;
+            let (_, done) = update(&mut frame, &scene, &Split::default());
+            assert!(done.listed > 0 && done.recomputed > 0);
+            assert_eq!(difference(&frame, &scene, &volume), None, "{estimator}, {extinction}");
+        }
+    }
+}
+
+/// Mesa's software adapter ends a thread's loops after 65 535 iterations of all of them
+/// together, without a word. What it cut short is traced again event by event, in an update
+/// from the slots that were there.
+#[test]
+fn long_flights_are_not_cut_short() {
+    const MAJORANT: f64 = 37_000.0;
+    let (mut scene, volume) = one_voxel(Estimator::Fluence, 400);
+    (scene.settings.majorant, scene.settings.skip_empty) = (Some(MAJORANT), false);
+    let mut frame = frame(&scene, &volume, &Split::default());
+    let before = snapshot(gpu(), &frame);
+    // The tentative collisions of the flights between a photon's interactions.
+    let lengths = before.slots.chunks(4).map(|slots| {
+        let met = slots.iter().take_while(|[_, state]| state[1] >> 30 != 0);
+        let places: Vec<_> =
+            met.map(|[at, _]| Vec3::from_array([0, 1, 2].map(|i| f32::from_bits(at[i])))).collect();
+        places.windows(2).map(|p| p[0].distance(p[1])).sum::<f32>()
+    });
+    let most = f64::from(lengths.fold(0.0, f32::max)) * MAJORANT;
+    assert!(most > 1.1 * 65_535.0, "no photon makes more than {most} tentative collisions");
+    scene.materials[0].extinction = 1.5;
+    let (_, done) = update(&mut frame, &scene, &Split::default());
+    assert!(done.counts.changed > 0);
+    assert_eq!(difference(&frame, &scene, &volume), None);
+}
+
+/// An update that the device refuses half way is followed by one that computes everything.
+#[test]
+fn a_failed_update_leaves_nothing_behind() {
+    for estimator in [Estimator::Fluence, Estimator::Points] {
+        let (mut scene, volume) = one_voxel(estimator, 400);
+        // Across an empty voxel even a single flight is too long for Mesa's software adapter.
+        (scene.settings.majorant, scene.settings.skip_empty) = (Some(60_000.0), false);
+        scene.materials[0].extinction = 50_000.0;
+        let mut frame = frame(&scene, &volume, &Split::default());
+        let mut empty = scene.clone();
+        empty.materials[0].extinction = 0.0;
+        frame.edit(gpu(), &empty, &Split::default()).expect("applies");
+        let failed = frame.update(gpu(), &Split::default(), &mut Progress::silent());
+        if gpu().report().kind == "software" {
+            assert!(failed.is_err(), "{estimator}: an update that cannot be done");
+        }
+        scene.materials[0].extinction = 40_000.0;
+        let (_, done) = update(&mut frame, &scene, &Split::default());
+        assert!(failed.is_ok() || done.counts.changed == done.photons);
+        assert_eq!(difference(&frame, &scene, &volume), None, "{estimator}");
+    }
+}
+
+/// Applies an edit, and abandons its update at the boundary of this number; returns all that
+/// it came to.
+fn abandon(frame: &mut PhotonFrame, scene: &Scene, split: &Split, at: usize) -> Vec<String> {
+    frame.edit(gpu(), scene, split).expect("applies");
+    let mut reached = Vec::new();
+    let mut stop = |boundary: &str| {
+        reached.push(boundary.to_owned());
+        reached.len() > at
+    };
+    let progress = &mut Progress::until(&mut stop);
+    let done = frame.update(gpu(), split, progress).expect("updates");
+    assert_eq!(done.finished, reached.len() <= at);
+    reached
+}
+
+#[test]
+fn an_abandoned_update_leaves_nothing_behind() {
+    type Edit = fn(&mut Scene);
+    let edits: [Edit; 2] = [
+        // Of many photons, so that all flights are summed anew.
+        |s| {
+            s.materials[0].extinction *= 4.0;
+            s.lights[0].emitted *= 0.5;
+        },
+        // Of few, so that they leave the sums and come back one by one.
+        |s| s.materials[1].extinction *= 0.8,
+    ];
+    let split = Split { journal: Some(64), ..Split::default() };
+    let mut half_moved = 0;
+    for (estimator, edit) in [Estimator::Fluence, Estimator::Points]
+        .into_iter()
+        .flat_map(|estimator| edits.map(|edit| (estimator, edit)))
+    {
+        let (home, volume) = world(estimator, Weighting::Even, Filter::Linear);
+        let mut first = home.clone();
+        edit(&mut first);
+        let whole = &mut frame(&home, &volume, &split);
+        let boundaries = abandon(whole, &first, &split, usize::MAX);
+        for (boundary, least) in [("photons", 3), ("light field", 1), ("segments", 1)] {
+            let times = boundaries.iter().filter(|b| *b == boundary).count();
+            assert!(times >= least, "{estimator}: {boundaries:?}");
+        }
+        // The first edit is undone by the second, or stays.
+        for (at, stays) in (0..boundaries.len()).flat_map(|n| [(n, false), (n, true)]) {
+            let mut frame = frame(&home, &volume, &split);
+            assert_eq!(abandon(&mut frame, &first, &split, at), boundaries[..=at]);
+            if let LightField::Fluence(fluence) = &frame.field {
+                let moved = frame.counts(gpu()).expect("reads").deposits > 0;
+                half_moved += u64::from(moved && fluence.current && boundaries[at] == "photons");
+            }
+            let mut second = if stays { first.clone() } else { home.clone() };
+            second.materials[2].extinction = 0.7;
+            second.lights.swap(0, 1);
+            update(&mut frame, &second, &split);
+            let wrong = difference(&frame, &second, &volume);
+            assert_eq!(wrong, None, "{estimator}, stopped at {at} of {boundaries:?}, {stays}");
+        }
+    }
+    assert!(half_moved > 3, "flights were never half moved");
+}
+
+/// Of an invalid flight only the marks are drawn that the edit can have made real.
+#[test]
+fn a_flight_is_flown_only_where_it_may_be_stopped() {
+    let (mut scene, volume) = world(Estimator::Fluence, Weighting::Even, Filter::Linear);
+    // One flight a photon through thin tissue alone, all of whose marks a rebuild draws.
+    scene.settings.max_events = 1;
+    scene.materials.truncate(1);
+    scene.settings.skip_empty = false;
+    let mut frame = frame(&scene, &volume, &Split::default());
+    let full = frame.counts(gpu()).expect("reads");
+    scene.materials[0].extinction *= 1.5;
+    let (_, done) = update(&mut frame, &scene, &Split::default());
+    let now = done.counts;
+    assert!(now.invalid > 50, "{now:?}");
+    let each = |tentative: u64, photons: u64| tentative as f64 / photons as f64;
+    let [full, now] = [each(full.tentative, done.photons), each(now.tentative, now.invalid)];
+    assert!(4.0 * now < 3.0 * full, "{now} tentative collisions a photon, in a rebuild {full}");
+    assert_eq!(difference(&frame, &scene, &volume), None);
+}
