@@ -418,6 +418,27 @@ fn an_abandoned_update_leaves_nothing_behind() {
     assert!(half_moved > 3, "flights were never half moved");
 }
 
+/// Segments correct their sums by what one build of the points changed: after an update that was
+/// abandoned before them they cannot.
+#[test]
+fn points_that_an_abandoned_update_moved_are_not_forgotten() {
+    let (home, volume) = world(Estimator::Points, Weighting::Even, Filter::Linear);
+    let mut edited = home.clone();
+    edited.materials[1].extinction *= 1.25;
+    let mut again = edited.clone();
+    again.materials[1].extinction *= 1.1;
+    for last in [edited.clone(), again] {
+        let mut frame = frame(&home, &volume, &Split::default());
+        frame.edit(gpu(), &edited, &Split::default()).expect("applies");
+        let mut lit = |boundary: &str| boundary == "segments";
+        let progress = &mut Progress::until(&mut lit);
+        let done = frame.update(gpu(), &Split::default(), progress).expect("updates");
+        assert!(!done.finished);
+        update(&mut frame, &last, &Split::default());
+        assert_eq!(difference(&frame, &last, &volume), None);
+    }
+}
+
 /// Of an invalid flight only the marks are drawn that the edit can have made real.
 #[test]
 fn a_flight_is_flown_only_where_it_may_be_stopped() {
