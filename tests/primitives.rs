@@ -190,3 +190,15 @@ fn a_work_list_has_the_marked_items_in_their_order() {
         assert_eq!(list.count as usize, size);
     }
 }
+
+/// Work is submitted late, and what the host writes must not overtake it.
+#[test]
+fn writes_wait_for_what_was_recorded_before() {
+    let (from, to) = (uploaded(&[1; 64]), uploaded(&[0; 64]));
+    let mut stage = gpu().stage("copy");
+    stage.copy(&from, &to, from.size());
+    stage.finish().expect("it records");
+    gpu().write(&from, &[2_u32; 64]);
+    assert_eq!(fetched(&to), [1; 64]);
+    assert_eq!(fetched(&from), [2; 64]);
+}
