@@ -1,10 +1,12 @@
 // What tracing anew has changed: a photon's task then begins at its first slot that
-// differs from the journal, histories aside, and only what follows is handed on.
+// differs from the journal, histories aside, and only what follows is handed on. Slots that
+// came, went or are elsewhere are marked: the light field may hold them in another order.
 
 import package::constants::GROUP;
-import package::shared::counter::{CHANGED, count};
+import package::shared::counter::{CHANGED, MOVED, count};
 import package::shared::item::item_index;
 import package::shared::photon::{PhotonParams, Task, NOTHING, pack_task, unpack_task};
+import package::shared::slot::{EMPTY, slot_kind};
 
 @group(0) @binding(8) var<uniform> params: PhotonParams;
 @group(0) @binding(9) var<storage, read> work: array<u32>;
@@ -13,6 +15,7 @@ import package::shared::photon::{PhotonParams, Task, NOTHING, pack_task, unpack_
 @group(0) @binding(12) var<storage, read> states: array<vec4<u32>>;
 @group(0) @binding(13) var<storage, read> old_places: array<vec4<u32>>;
 @group(0) @binding(14) var<storage, read> old_states: array<vec4<u32>>;
+@group(0) @binding(15) var<storage, read_write> moved: array<atomic<u32>>;
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -24,14 +27,22 @@ fn main(
     if item >= params.listed { return; }
     let photon = work[params.first_listed + item];
     var first = NOTHING;
+    var elsewhere = 0u;
     for (var event = unpack_task(tasks[photon]).touched; event < params.max_events; event++) {
         let live = event * params.photons + photon;
         let old = event * params.journal + item;
-        if any(places[live] != old_places[old]) || any(states[live].xy != old_states[old].xy) {
-            first = event;
-            break;
+        let now = states[live];
+        let before = old_states[old];
+        // Beyond a photon's end every slot is empty.
+        if slot_kind(now) == EMPTY && slot_kind(before) == EMPTY { break; }
+        let is_elsewhere = any(places[live] != old_places[old]) || slot_kind(now) != slot_kind(before);
+        if is_elsewhere {
+            atomicOr(&moved[live / 32u], 1u << (live % 32u));
+            elsewhere++;
         }
+        if is_elsewhere || any(now.xy != before.xy) { first = min(first, event); }
     }
     tasks[photon] = pack_task(Task(first, NOTHING));
     count(CHANGED, u32(first != NOTHING));
+    count(MOVED, elsewhere);
 }

@@ -1,4 +1,4 @@
-// Items in another order: words or, with `fours`, four of them each. The highest bit of `order`
+// Items in another order: words or, with `twos` or `fours`, two or four of them each. The highest bit of `order`
 // tells which of two arrays an item is from.
 
 import package::constants::GROUP;
@@ -7,12 +7,13 @@ import package::shared::points::{PointsParams, OTHER};
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
 @group(0) @binding(9) var<storage, read> order: array<u32>;
-@if(fours) @group(0) @binding(10) var<storage, read> before: array<vec4<u32>>;
-@if(fours) @group(0) @binding(11) var<storage, read> others: array<vec4<u32>>;
-@if(fours) @group(0) @binding(12) var<storage, read_write> after: array<vec4<u32>>;
-@if(!fours) @group(0) @binding(10) var<storage, read> before: array<u32>;
-@if(!fours) @group(0) @binding(11) var<storage, read> others: array<u32>;
-@if(!fours) @group(0) @binding(12) var<storage, read_write> after: array<u32>;
+@group(0) @binding(10) var<storage, read> before: array<Item>;
+@group(0) @binding(11) var<storage, read> others: array<Item>;
+@group(0) @binding(12) var<storage, read_write> after: array<Item>;
+
+@if(twos) alias Item = vec2<u32>;
+@if(fours) alias Item = vec4<u32>;
+@if(!twos && !fours) alias Item = u32;
 
 @compute @workgroup_size(GROUP)
 fn main(

@@ -1,14 +1,15 @@
-// Which slots enter the light field: interactions, and nothing else. A thread for each word
-// of marks.
+// Which slots enter the light field: interactions, and nothing else; of `all` slots, or of
+// those that moved. A thread for each word of marks.
 
 import package::shared::item::item_index;
 import package::shared::marks::marks;
 import package::shared::points::PointsParams;
-import package::shared::slot::{INTERACTION, slot_kind};
+import package::shared::slot::INTERACTION;
 import package::constants::GROUP;
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
 @group(0) @binding(9) var<storage, read> states: array<vec4<u32>>;
+@group(0) @binding(10) var<storage, read> moved: array<u32>;
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -19,9 +20,12 @@ fn main(
     let word = item_index(group, groups, local);
     let first = 32u * word;
     if first >= params.count { return; }
-    let count = min(params.count - first, 32u);
+    var open = 0xffffffffu >> (32u - min(params.count - first, 32u));
+    if params.all == 0u { open &= moved[word]; }
     var bits = 0u;
-    for (var i = 0u; i < count; i++) {
+    while open != 0u {
+        let i = firstTrailingBit(open);
+        open &= open - 1u;
         bits |= u32(states[first + i].y >> 30u == INTERACTION) << i;
     }
     atomicStore(&marks[word], bits);

@@ -1,25 +1,54 @@
-// The mean extinction in the kernel's ball around each point, by which `even` divides. A point
-// that is where it was keeps its mean if no extinction changed that the ball can hold.
+// The mean extinction in the kernel's ball around each point, by which `even` divides, and the
+// historygram of the values that it is of. A point that is where it was keeps its mean if it
+// read no value whose extinction changed.
 
-import package::shared::item::item_index;
+import package::shared::item::group_index;
 import package::shared::points::PointsParams;
-import package::shared::scene::{frame, optics, cell_masks, cell_index, entry_at};
+import package::shared::scene::{frame, optics, entry_at, bin_of, bin_bit};
 import package::shared::slot::slot_entry;
-import package::constants::GROUP;
+import package::constants::{GROUP, MEAN_BLOCK};
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
 @group(0) @binding(9) var<storage, read> states: array<vec4<u32>>;
 @group(0) @binding(10) var<storage, read> slots: array<u32>;
 @group(0) @binding(11) var<storage, read> point_places: array<vec4<u32>>;
-@group(0) @binding(12) var<storage, read> kept: array<u32>;
-@group(0) @binding(13) var<storage, read_write> means: array<f32>;
+@group(0) @binding(12) var<storage, read_write> means: array<f32>;
+@if(history) @group(0) @binding(13) var<storage, read_write> mean_histories: array<vec2<u32>>;
 
 // Taps of the mean: two shells of a Fibonacci lattice over the ball, of equal volume
 // each, and the photon's own entry.
 const SHELL: u32 = 16u;
 
-fn mean_extinction(position: vec3<f32>, own: u32) -> f32 {
+// Those of a group's points that need a mean, side by side, so that no thread waits for others.
+var<workgroup> listed: array<u32, MEAN_BLOCK>;
+var<workgroup> length: atomic<u32>;
+
+@compute @workgroup_size(GROUP)
+fn main(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let first = group_index(group, groups) * MEAN_BLOCK;
+    for (var i = local; i < MEAN_BLOCK; i += GROUP) {
+        let point = first + i;
+        if is_needed(point) { listed[atomicAdd(&length, 1u)] = point; }
+    }
+    workgroupBarrier();
+    for (var i = local; i < atomicLoad(&length); i += GROUP) { find_mean(listed[i]); }
+}
+
+fn is_needed(point: u32) -> bool {
+    if point >= params.count { return false; }
+    @if(history && !fresh) return any((mean_histories[point] & params.changed) != vec2<u32>(0u));
+    @if(!history || fresh) return true;
+}
+
+fn find_mean(point: u32) {
+    let position = bitcast<vec3<f32>>(point_places[point].xyz);
+    let own = slot_entry(states[slots[point]]);
     var total = optics[own].extinction;
+    var history = bin_bit(bin_of(own));
     for (var i = 0u; i < 2u * SHELL; i++) {
         // Radii at the volume medians of the inner and the outer half of the ball.
         let radius = params.radius * select(0.9086, 0.63, i < SHELL);
@@ -28,44 +57,11 @@ fn mean_extinction(position: vec3<f32>, own: u32) -> f32 {
         let across = sqrt(1.0 - z * z);
         let tap = position + radius * vec3(across * cos(angle), across * sin(angle), z);
         if all(tap >= vec3<f32>(0.0)) && all(tap <= frame.extent) {
-            total += optics[entry_at(tap)].extinction;
+            let entry = entry_at(tap);
+            total += optics[entry].extinction;
+            @if(history) { history |= bin_bit(bin_of(entry)); }
         }
     }
-    return total / f32(2u * SHELL + 1u);
-}
-
-fn cell_at(point: vec3<f32>) -> vec3<i32> {
-    return clamp(vec3<i32>(floor(point / frame.cell_mm)), vec3<i32>(0), vec3<i32>(frame.cells) - 1);
-}
-
-// Whether a macro-cell that the ball may reach into can have a value whose extinction changed.
-fn is_changed(position: vec3<f32>) -> bool {
-    let reach = 1.01 * params.radius + 0.01 * frame.cell_mm;
-    let low = cell_at(position - reach);
-    let size = cell_at(position + reach) - low + 1;
-    let count = size.x * size.y * size.z;
-    // To look into many cells takes longer than the mean.
-    if count > 27 { return true; }
-    var bits = vec2<u32>(0u);
-    for (var i = 0; i < count; i++) {
-        let at = vec3<i32>(i % size.x, i / size.x % size.y, i / (size.x * size.y));
-        bits |= cell_masks[cell_index(low + at)];
-    }
-    return any((bits & params.changed) != vec2<u32>(0u));
-}
-
-@compute @workgroup_size(GROUP)
-fn main(
-    @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
-    @builtin(local_invocation_index) local: u32,
-) {
-    let point = item_index(group, groups, local);
-    if point >= params.count { return; }
-    let is_new = params.fresh == 1u;
-    if !is_new && extractBits(kept[point / 32u], point % 32u, 1u) == 0u { return; }
-    let position = bitcast<vec3<f32>>(point_places[point].xyz);
-    if is_new || is_changed(position) {
-        means[point] = mean_extinction(position, slot_entry(states[slots[point]]));
-    }
+    means[point] = total / f32(2u * SHELL + 1u);
+    @if(history) { mean_histories[point] = history; }
 }

@@ -1,9 +1,10 @@
-// Merges the points that are kept, in their old order, with new ones, sorted by themselves.
-// A thread takes one point of either and finds how many of the other come before it; equal
-// keys stand in the order of their slots, as a sort of all would have them.
+// Where new points, sorted by themselves, come among those that are kept, in their old order:
+// each marks its place. Equal keys stand in the order of their slots, as a sort of all would
+// have them.
 
 import package::shared::item::item_index;
-import package::shared::points::{PointsParams, OTHER};
+import package::shared::marks::mark;
+import package::shared::points::PointsParams;
 import package::constants::GROUP;
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
@@ -12,24 +13,6 @@ import package::constants::GROUP;
 @group(0) @binding(11) var<storage, read> seen_slots: array<u32>;
 @group(0) @binding(12) var<storage, read> new_keys: array<u32>;
 @group(0) @binding(13) var<storage, read> new_slots: array<u32>;
-@group(0) @binding(14) var<storage, read_write> order: array<u32>;
-
-struct Point {
-    key: u32,
-    slot: u32,
-}
-
-fn kept_point(i: u32) -> Point {
-    return Point(seen_keys[kept[i]], seen_slots[kept[i]]);
-}
-
-fn new_point(i: u32) -> Point {
-    return Point(new_keys[i], new_slots[i]);
-}
-
-fn precedes(a: Point, b: Point) -> bool {
-    return a.key < b.key || (a.key == b.key && a.slot < b.slot);
-}
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -39,19 +22,16 @@ fn main(
 ) {
     let i = item_index(group, groups, local);
     if i >= params.count { return; }
-    // `first` kept points, then the new ones.
-    let is_new = i >= params.first;
-    var own: Point;
-    if is_new { own = new_point(i - params.first); } else { own = kept_point(i); }
+    let key = new_keys[i];
+    let slot = new_slots[i];
     var low = 0u;
-    var high = select(params.count - params.first, params.first, is_new);
+    var high = params.first;
     while low < high {
         let middle = (low + high) / 2u;
-        var other: Point;
-        if is_new { other = kept_point(middle); } else { other = new_point(middle); }
-        if precedes(other, own) { low = middle + 1u; } else { high = middle; }
+        let other = kept[middle];
+        let other_key = seen_keys[other];
+        let precedes = other_key < key || (other_key == key && seen_slots[other] < slot);
+        if precedes { low = middle + 1u; } else { high = middle; }
     }
-    let place = low + select(i, i - params.first, is_new);
-    order[place] = i - params.first + OTHER;
-    if !is_new { order[place] = kept[i]; }
+    mark(low + i);
 }

@@ -1,5 +1,6 @@
 // The light of each point, its contribution: scatter * colour of its own entry * power *
-// kernel. One that is not where it was is dark.
+// kernel. One that is not where it was is dark. Where the light is not what it was, that is
+// noted, and whether some went and some came: segments have seen it.
 //
 // `even` also divides by the mean extinction around it, so that what is blurred is
 // fluence, which is smooth, and not collision density, which is not.
@@ -14,9 +15,21 @@ import package::constants::GROUP;
 @group(0) @binding(8) var<uniform> params: PointsParams;
 @group(0) @binding(9) var<storage, read> states: array<vec4<u32>>;
 @group(0) @binding(10) var<storage, read> slots: array<u32>;
-@group(0) @binding(11) var<storage, read> kept: array<u32>;
-@group(0) @binding(12) var<storage, read_write> point_lights: array<vec4<f32>>;
-@if(even) @group(0) @binding(13) var<storage, read> means: array<f32>;
+@group(0) @binding(11) var<storage, read_write> point_lights: array<vec4<f32>>;
+@if(even) @group(0) @binding(12) var<storage, read> means: array<f32>;
+@if(!fresh) @group(0) @binding(13) var<storage, read> kept: array<u32>;
+@if(!fresh) @group(0) @binding(14) var<storage, read_write> seen_lights: array<vec4<f32>>;
+@if(!fresh) @group(0) @binding(15) var<storage, read_write> went: array<atomic<u32>>;
+@if(!fresh) @group(0) @binding(16) var<storage, read_write> came: array<atomic<u32>>;
+
+fn light_of(point: u32) -> vec4<f32> {
+    let slot = slot_of(vec4<u32>(0u), states[slots[point]]);
+    let material = scattering[slot.entry];
+    var light = unpack_power(slot.power) * material.rgb * params.kernel;
+    @if(!anisotropic) { light /= 4.0 * PI; }
+    @if(even) { light /= means[point]; }
+    return vec4<f32>(light, material.a);
+}
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -26,14 +39,16 @@ fn main(
 ) {
     let point = item_index(group, groups, local);
     if point >= params.count { return; }
-    if params.fresh == 0u && extractBits(kept[point / 32u], point % 32u, 1u) == 0u {
-        point_lights[point] = vec4<f32>(0.0);
-        return;
+    var light = light_of(point);
+    @if(!fresh) {
+        let stays = params.all == 1u || extractBits(kept[point / 32u], point % 32u, 1u) == 1u;
+        light = select(vec4<f32>(0.0), light, stays);
+        let seen = point_lights[point];
+        if all(bitcast<vec4<u32>>(seen) == bitcast<vec4<u32>>(light)) { return; }
+        seen_lights[point] = seen;
+        let bit = 1u << (point % 32u);
+        if any(seen.rgb > vec3<f32>(0.0)) { atomicOr(&went[point / 32u], bit); }
+        if any(light.rgb > vec3<f32>(0.0)) { atomicOr(&came[point / 32u], bit); }
     }
-    let slot = slot_of(vec4<u32>(0u), states[slots[point]]);
-    let material = scattering[slot.entry];
-    var light = unpack_power(slot.power) * material.rgb * params.kernel;
-    @if(!anisotropic) { light /= 4.0 * PI; }
-    @if(even) { light /= means[point]; }
-    point_lights[point] = vec4<f32>(light, material.a);
+    point_lights[point] = light;
 }

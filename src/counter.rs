@@ -37,6 +37,8 @@ pub struct Counters {
     pub overflown: u64,
     /// March steps of photons: macro-cells that their flights entered.
     pub steps: u64,
+    /// Slots of photons that came, went or are elsewhere after tracing or weighing again.
+    pub moved: u64,
 }
 
 impl Counters {

@@ -137,12 +137,16 @@ pub struct Batch {
     pub relit: bool,
     /// Slots changed that the light field does not know of yet.
     pub stale: bool,
+    /// A bit for each slot that came, went or is elsewhere, and the light field does not know.
+    pub moved: wgpu::Buffer,
+    /// Whether there is any.
+    pub any_moved: bool,
 }
 
 impl Batch {
     fn new(gpu: &Gpu, id: u32, first_index: u32, photons: u32, max_events: u32) -> Result<Self> {
         let slots = photons as usize * max_events as usize;
-        let batch = Self {
+        let mut batch = Self {
             light_id: id,
             light: 0,
             first_index,
@@ -153,6 +157,8 @@ impl Batch {
             list: WorkList::new(gpu, photons)?,
             relit: false,
             stale: true,
+            moved: gpu.buffer::<u32>("moved slots", slots.div_ceil(32))?,
+            any_moved: true,
         };
         batch.forget(gpu)?;
         Ok(batch)
@@ -173,9 +179,25 @@ impl Batch {
     ///
     /// # Errors
     /// The device failed.
-    pub fn forget(&self, gpu: &Gpu) -> Result<()> {
+    pub fn forget(&mut self, gpu: &Gpu) -> Result<()> {
+        self.any_moved = true;
+        fill(gpu, "forget", &self.moved, &[u32::MAX])?;
         fill(gpu, "forget", &self.places, &[0])?;
         fill(gpu, "forget", &self.states, &NEVER)
+    }
+
+    /// The light field knows all slots as they are.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn settle(&mut self, gpu: &Gpu) -> Result<()> {
+        self.stale = false;
+        if std::mem::take(&mut self.any_moved) {
+            let mut stage = gpu.stage("moved slots");
+            stage.clear(&self.moved);
+            stage.finish()?;
+        }
+        Ok(())
     }
 
     /// Lists every photon, with a task from event 0.
@@ -384,7 +406,8 @@ impl PhotonMap {
         stage.finish()
     }
 
-    /// Finds what differs from the journal: tasks then begin there.
+    /// Finds what differs from the journal: tasks then begin there, and slots that moved are
+    /// marked.
     ///
     /// # Errors
     /// The device failed.
@@ -397,6 +420,7 @@ impl PhotonMap {
     ) -> Result<()> {
         let params = self.journal_params(batch, part);
         let mut bindings = [batch.bindings(), self.old()].concat();
+        bindings.push(("moved", (&batch.moved).into()));
         bindings.push(("counters", counters.buffer().into()));
         let mut stage = gpu.stage("compare");
         stage.dispatch(&self.compare, params.listed.into(), &bindings, &params)?;
@@ -507,9 +531,9 @@ impl PhotonMap {
         self.batches.iter().map(|b| b.places.size() + b.states.size()).sum()
     }
 
-    /// Bytes of tasks and work lists.
+    /// Bytes of tasks, work lists and marks of slots.
     pub fn list_bytes(&self) -> u64 {
-        self.batches.iter().map(|b| b.tasks.size() + b.list.bytes()).sum()
+        self.batches.iter().map(|b| b.tasks.size() + b.list.bytes() + b.moved.size()).sum()
     }
 
     /// Bytes of the journal.

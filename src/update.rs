@@ -20,7 +20,7 @@ use crate::photon::{PhotonMap, PhotonParams};
 use crate::points::Points;
 use crate::query::{CHANGE_EMISSION, CHANGE_FALLEN, CHANGE_RISEN, Query};
 use crate::render::{Progress, Split};
-use crate::scene::{Estimator, Scene, Spatial, Weighting};
+use crate::scene::{Estimator, Scene, Settings, Spatial, Weighting};
 use crate::segment::{LightField, SegmentMap, SegmentStage};
 
 /// What an edit can reach.
@@ -74,6 +74,9 @@ pub struct Updated {
     pub photons: u64,
     /// Photons that were traced or weighed again.
     pub listed: u64,
+    /// Points that went and points that came, those of another light counting as both; 0 where
+    /// segments do not ask for light.
+    pub points: u64,
     /// Segments computed again.
     pub recomputed: u64,
     /// Segments in all.
@@ -121,32 +124,11 @@ impl PhotonFrame {
         split: &Split,
     ) -> Result<Self> {
         let settings = &scene.settings;
-        let chosen = settings.estimator.unwrap_or(match device.table.is_isotropic() {
-            true => Estimator::Fluence,
-            false => Estimator::Points,
-        });
-        suits(chosen, &device)?;
-        let (field, estimator, reach) = match chosen {
-            Estimator::Fluence => {
-                let fluence = Box::new(Fluence::new(gpu, &device, settings)?);
-                (LightField::Fluence(fluence), "fluence", 0.0)
-            }
-            Estimator::Points => {
-                let spacing = device.frame.per_voxel.map(|n| 1.0 / f64::from(n));
-                let smallest = spacing.iter().copied().fold(f64::INFINITY, f64::min);
-                let radius = settings.radius.unwrap_or(smallest);
-                let name = match settings.weighting {
-                    Weighting::Plain => "points plain",
-                    Weighting::Even => "points even",
-                };
-                let points = Box::new(Points::new(gpu, &device, settings, radius)?);
-                (LightField::Points(points), name, radius as f32)
-            }
-        };
+        let (field, estimator, dirty) = light_field(gpu, &device, settings)?;
         let map = PhotonMap::new(gpu, &device, &light_ids(scene), settings, split)?;
         let segments = SegmentMap::new(gpu, scene, &device, &field, rays, split)?;
         Ok(Self {
-            dirty: Dirty::new(gpu, &device, reach, settings.spatial)?,
+            dirty,
             counters: CounterBuffer::new(gpu)?,
             source: scene.clone(),
             query: Query::default(),
@@ -225,6 +207,32 @@ impl PhotonFrame {
         result
     }
 
+    /// Has the next update estimate the light anew from the photons that there are. Of the
+    /// settings, `estimator`, `weighting`, `radius`, `grid` and `rays` may differ.
+    ///
+    /// # Errors
+    /// Another setting differs, memory does not suffice, or the estimator does not suit the
+    /// scene: nothing has happened then.
+    pub fn estimate(&mut self, gpu: &Gpu, settings: &Settings, split: &Split) -> Result<()> {
+        let mut scene = self.source.clone();
+        let own = &mut scene.settings;
+        (own.estimator, own.weighting) = (settings.estimator, settings.weighting);
+        (own.radius, own.grid, own.rays) = (settings.radius, settings.grid, settings.rays);
+        if own != settings {
+            return Err(Error::setting(
+                "of a frame's settings only `estimator`, `weighting`, `radius`, `grid` and `rays` \
+                 can change: render anew",
+            ));
+        }
+        let (field, estimator, dirty) = light_field(gpu, &self.scene, settings)?;
+        let segments = SegmentMap::new(gpu, &scene, &self.scene, &field, settings.rays, split)?;
+        self.counters.clear(gpu);
+        self.source = scene;
+        (self.field, self.estimator, self.dirty) = (field, estimator, dirty);
+        (self.segments, self.pending) = (segments, true);
+        Ok(())
+    }
+
     fn apply(
         &mut self,
         gpu: &Gpu,
@@ -278,7 +286,7 @@ impl PhotonFrame {
         let before = self.scene.lights;
         let ids = light_ids(&self.source);
         let mut changed = light_ids(scene) != ids;
-        let mut withdrawn = 0;
+        let mut withdrawn = Vec::new();
         for (id, old) in ids.iter().zip(&before.all) {
             let at = scene.lights.iter().position(|light| light.id == *id);
             let new = at.map(|at| lights.all[at]);
@@ -293,16 +301,17 @@ impl PhotonFrame {
                 }
                 match stays {
                     Some(new) => self.map.batches[i].relit |= new.radiance != old.radiance,
-                    None if self.fresh => {}
-                    None => {
-                        withdrawn += self.map.batches[i].photons;
-                        match 2 * u64::from(withdrawn) > u64::from(before.photons) {
-                            true => self.restart(),
-                            false => self.withdraw(gpu, i, split)?,
-                        }
-                    }
+                    None => withdrawn.push(i),
                 }
             }
+        }
+        if self.fresh {
+            return Ok(changed);
+        }
+        let photons = withdrawn.iter().map(|&i| u64::from(self.map.batches[i].photons));
+        match 2 * photons.sum::<u64>() > u64::from(before.photons) {
+            true => self.restart(),
+            false => withdrawn.into_iter().try_for_each(|i| self.withdraw(gpu, i, split))?,
         }
         Ok(changed)
     }
@@ -367,7 +376,7 @@ impl PhotonFrame {
                 return Ok(done);
             }
             gpu.enter(LIGHT_FIELD);
-            self.light_field(gpu, progress)?;
+            done.points = self.light_field(gpu, progress)?;
             if progress.stops("segments") {
                 return Ok(done);
             }
@@ -417,16 +426,18 @@ impl PhotonFrame {
             fluence.current &= !self.fresh;
         }
         let (mut seen, before) = (0, self.counts(gpu)?);
+        let mut moved = before.moved;
         for i in 0..self.map.batches.len() {
             let count = self.map.batches[i].list.count;
             self.map.batches[i].stale |= count > 0;
-            let batch = &self.map.batches[i];
             if self.fresh {
+                let batch = &self.map.batches[i];
                 let all = (batch, 0..count, false);
                 self.map.trace(gpu, &self.scene, &self.counters, all, progress)?;
                 continue;
             }
-            for part in self.map.parts(batch) {
+            for part in self.map.parts(&self.map.batches[i]) {
+                let batch = &self.map.batches[i];
                 if progress.stops("photons") {
                     return Ok(false);
                 }
@@ -441,12 +452,13 @@ impl PhotonFrame {
                     self.map.trace(gpu, scene, counters, again, progress)?;
                 }
                 self.map.compare(gpu, batch, &part, &self.counters)?;
+                let after = self.counters.read(gpu)?;
                 if let LightField::Fluence(fluence) = &mut self.field
                     && fluence.current
                 {
                     // As many of the others will change as of those that were seen.
                     seen += u64::from(part.end - part.start);
-                    let changed = self.counters.read(gpu)?.changed - before.changed;
+                    let changed = after.changed - before.changed;
                     let photons = u64::from(self.scene.lights.photons);
                     fluence.current = 2 * changed * listed <= photons * seen;
                 }
@@ -462,13 +474,16 @@ impl PhotonFrame {
                     move_flights((old, self.map.journal_bindings(batch)), progress)?;
                     move_flights((new, batch.bindings()), progress)?;
                 }
+                self.map.batches[i].any_moved |= after.moved > moved;
+                moved = after.moved;
             }
         }
         Ok(true)
     }
 
-    /// Brings the light field up to date, and marks where light changed.
-    fn light_field(&mut self, gpu: &Gpu, progress: &mut Progress) -> Result<()> {
+    /// Brings the light field up to date, and marks where light changed. Returns how many
+    /// points changed.
+    fn light_field(&mut self, gpu: &Gpu, progress: &mut Progress) -> Result<u64> {
         match &mut self.field {
             LightField::Points(points) => {
                 let reached = self.query.changes.iter().any(|c| c & points.columns() != 0);
@@ -478,15 +493,20 @@ impl PhotonFrame {
                 let changed = self.query.mask(CHANGE_RISEN | CHANGE_FALLEN, &self.scene.bins);
                 let what = (reached, changed);
                 points.build(gpu, &self.scene, &mut self.map, what, progress)?;
-                let lit = !self.fresh && self.source.settings.spatial != Spatial::Off;
-                if lit { points.compare(gpu, &self.dirty, &self.counters) } else { Ok(()) }
+                if self.fresh {
+                    return Ok(points.count());
+                }
+                if self.source.settings.spatial == Spatial::Off {
+                    return Ok(0);
+                }
+                points.compare(gpu, &self.dirty, &self.counters)
             }
             LightField::Fluence(fluence) => {
                 if !fluence.current {
                     let map = &mut self.map;
                     fluence.sum_all(gpu, &self.scene, map, &self.counters, progress)?;
                 }
-                fluence.resolve(gpu, &self.dirty, &self.counters)
+                fluence.resolve(gpu, &self.dirty, &self.counters).map(|()| 0)
             }
         }
     }
@@ -535,6 +555,37 @@ impl PhotonFrame {
             segments: self.segments.list_bytes() + self.dirty.bytes(),
         }
     }
+}
+
+/// An empty light field, its name, and the marks of where it changes.
+fn light_field(
+    gpu: &Gpu,
+    device: &DeviceScene,
+    settings: &Settings,
+) -> Result<(LightField, &'static str, Dirty)> {
+    let chosen = settings.estimator.unwrap_or(match device.table.is_isotropic() {
+        true => Estimator::Fluence,
+        false => Estimator::Points,
+    });
+    suits(chosen, device)?;
+    let (field, name, reach) = match chosen {
+        Estimator::Fluence => {
+            let fluence = Box::new(Fluence::new(gpu, device, settings)?);
+            (LightField::Fluence(fluence), "fluence", 0.0)
+        }
+        Estimator::Points => {
+            let spacing = device.frame.per_voxel.map(|n| 1.0 / f64::from(n));
+            let smallest = spacing.iter().copied().fold(f64::INFINITY, f64::min);
+            let radius = settings.radius.unwrap_or(smallest);
+            let name = match settings.weighting {
+                Weighting::Plain => "points plain",
+                Weighting::Even => "points even",
+            };
+            let points = Box::new(Points::new(gpu, device, settings, radius)?);
+            (LightField::Points(points), name, radius as f32)
+        }
+    };
+    Ok((field, name, Dirty::new(gpu, device, reach, settings.spatial)?))
 }
 
 fn light_ids(scene: &Scene) -> Vec<u32> {

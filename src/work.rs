@@ -45,7 +45,8 @@ pub struct WorkList {
     /// How many are listed.
     pub count: u32,
     capacity: u32,
-    ranks: wgpu::Buffer,
+    /// How many are marked in the words before each.
+    pub ranks: wgpu::Buffer,
     scanner: Scanner,
     rank: Arc<Kernel>,
     list: Arc<Kernel>,
@@ -102,21 +103,32 @@ impl WorkList {
         fill(gpu, "list", &self.marks, &[u32::MAX])
     }
 
+    /// Ranks the words of marks.
+    ///
+    /// # Errors
+    /// The device refuses.
+    pub fn rank(&self, stage: &mut Stage) -> Result<()> {
+        let words = self.capacity.div_ceil(32);
+        let bindings = [("marks", (&self.marks).into()), ("ranks", (&self.ranks).into())];
+        let params = ListParams { count: self.capacity };
+        stage.dispatch(&self.rank, u64::from(words) + 1, &bindings, &params)?;
+        self.scanner.record(stage, &self.ranks, words + 1)
+    }
+
     /// Lists the marked items, in their order, as the end of the stage that marks them.
     ///
     /// # Errors
     /// The device failed.
     pub fn compact(&mut self, mut stage: Stage, shuffle: Option<u64>) -> Result<()> {
         let gpu = stage.gpu();
-        let words = self.capacity.div_ceil(32);
+        self.rank(&mut stage)?;
         let bindings = [
             ("marks", (&self.marks).into()),
             ("ranks", (&self.ranks).into()),
             ("work", (&self.items).into()),
         ];
+        let words = self.capacity.div_ceil(32);
         let params = ListParams { count: self.capacity };
-        stage.dispatch(&self.rank, u64::from(words) + 1, &bindings, &params)?;
-        self.scanner.record(&mut stage, &self.ranks, words + 1)?;
         stage.dispatch(&self.list, words.into(), &bindings, &params)?;
         stage.finish()?;
         self.count = gpu.read_word("list", &self.ranks, words.into())?;

@@ -458,3 +458,32 @@ fn a_flight_is_flown_only_where_it_may_be_stopped() {
     assert!(4.0 * now < 3.0 * full, "{now} tentative collisions a photon, in a rebuild {full}");
     assert_eq!(difference(&frame, &scene, &volume), None);
 }
+
+/// Another estimate of the light needs no other photons, and edits go on from there.
+#[test]
+fn photons_stay_where_the_light_is_estimated_anew() {
+    let (mut scene, volume) = world(Estimator::Fluence, Weighting::Even, Filter::Linear);
+    let split = Split::default();
+    let mut frame = frame(&scene, &volume, &split);
+    for (estimator, weighting, size) in [
+        (Estimator::Points, Weighting::Plain, 1.5_f64),
+        (Estimator::Points, Weighting::Even, 2.0),
+        (Estimator::Fluence, Weighting::Even, 0.5),
+    ] {
+        let settings = &mut scene.settings;
+        (settings.estimator, settings.weighting) = (Some(estimator), weighting);
+        (settings.radius, settings.grid) = (Some(size), size.min(1.0));
+        frame.estimate(gpu(), &scene.settings, &split).expect("it suits");
+        let done = frame.update(gpu(), &split, &mut Progress::silent()).expect("updates");
+        assert_eq!((done.listed, done.counts.steps, done.counts.tentative), (0, 0, 0));
+        assert_eq!(difference(&frame, &scene, &volume), None, "{estimator}");
+        scene.materials[1].extinction *= 0.8;
+        let (_, done) = update(&mut frame, &scene, &split);
+        assert!(done.counts.changed > 0);
+        assert_eq!(difference(&frame, &scene, &volume), None, "{estimator}, edited");
+    }
+    let mut other = scene.settings.clone();
+    other.max_events += 1;
+    assert!(frame.estimate(gpu(), &other, &split).is_err());
+    assert_eq!(difference(&frame, &scene, &volume), None);
+}

@@ -4,10 +4,13 @@
 
 mod common;
 
-use common::{mean, rendered, truth_image, truth_scene};
+use common::{gpu, mean, rendered, truth_image, truth_scene};
 use photogram::film::Image;
+use photogram::frame::DeviceScene;
 use photogram::metrics::Metrics;
-use photogram::scene::{Estimator, Method, Scene, Weighting};
+use photogram::render::{Progress, Split};
+use photogram::scene::{Estimator, Method, Scene, Settings, Weighting};
+use photogram::update::PhotonFrame;
 use photogram::volume::Volume;
 
 /// The three estimators, each with two sizes, the finer one last: radii in voxels (of
@@ -18,35 +21,44 @@ const ESTIMATORS: [(&str, Estimator, Weighting, [f64; 2]); 3] = [
     ("fluence", Estimator::Fluence, Weighting::Even, [0.5, 1.0]),
 ];
 
-fn photon_map(
-    scene: &Scene,
-    volume: &Volume,
-    estimator: (Estimator, Weighting),
-    size: f64,
-    photons: u64,
-) -> Image {
-    let mut scene = scene.clone();
-    let settings = &mut scene.settings;
-    (settings.estimator, settings.weighting) = (Some(estimator.0), estimator.1);
-    (settings.radius, settings.grid) = (Some(size), size.min(1.0));
-    (settings.photons, settings.rays, settings.step) = (photons, 4, 0.25);
-    rendered(&scene, volume).image
+/// Photons that were traced once, and what the estimators make of them.
+struct Traced {
+    frame: PhotonFrame,
+    settings: Settings,
 }
 
-/// Energy in the limit of an infinitely small radius or cell, the error being taken as
-/// proportional to it.
-fn limit_of_energy(
-    scene: &Scene,
-    volume: &Volume,
-    truth: f64,
-    (label, estimator, weighting, sizes): (&str, Estimator, Weighting, [f64; 2]),
-    photons: u64,
-) -> f64 {
-    let energy =
-        |size| mean(&photon_map(scene, volume, (estimator, weighting), size, photons)) / truth;
-    let [coarse, fine] = sizes.map(energy);
-    println!("{label}: energy {coarse:.4}, {fine:.4}, limit {:.4}", 2.0 * fine - coarse);
-    2.0 * fine - coarse
+impl Traced {
+    fn new(scene: &Scene, volume: &Volume, photons: u64) -> Self {
+        let mut scene = scene.clone();
+        (scene.settings.photons, scene.settings.rays) = (photons, 4);
+        (scene.settings.step, scene.settings.estimator) = (0.25, Some(Estimator::Points));
+        let device = DeviceScene::new(gpu(), &scene, volume).expect("uploads");
+        let frame = PhotonFrame::new(gpu(), &scene, device, 4, &Split::default()).expect("fits");
+        Self { frame, settings: scene.settings }
+    }
+
+    fn image(&mut self, estimator: (Estimator, Weighting), size: f64) -> Image {
+        let settings = &mut self.settings;
+        (settings.estimator, settings.weighting) = (Some(estimator.0), estimator.1);
+        (settings.radius, settings.grid) = (Some(size), size.min(1.0));
+        let (split, progress) = (Split::default(), &mut Progress::silent());
+        self.frame.estimate(gpu(), settings, &split).expect("it suits");
+        self.frame.update(gpu(), &split, progress).expect("updates");
+        self.frame.segments.image(gpu()).expect("reads")
+    }
+
+    /// Energy in the limit of an infinitely small radius or cell, the error being taken as
+    /// proportional to it.
+    fn limit_of_energy(
+        &mut self,
+        truth: f64,
+        (label, estimator, weighting, sizes): (&str, Estimator, Weighting, [f64; 2]),
+    ) -> f64 {
+        let [coarse, fine] =
+            sizes.map(|size| mean(&self.image((estimator, weighting), size)) / truth);
+        println!("{label}: energy {coarse:.4}, {fine:.4}, limit {:.4}", 2.0 * fine - coarse);
+        2.0 * fine - coarse
+    }
 }
 
 #[test]
@@ -56,12 +68,13 @@ fn energy_tends_to_one_and_a_fault_of_five_per_cent_shows() {
         let truth = mean(&truth_image(name).0);
         println!("{name}");
         // A million photons carry noise of about half a per cent.
+        let mut traced = Traced::new(&scene, &volume, 1_000_000);
         for estimator in ESTIMATORS {
-            let limit = limit_of_energy(&scene, &volume, truth, estimator, 1_000_000);
+            let limit = traced.limit_of_energy(truth, estimator);
             assert!((limit - 1.0).abs() < 0.02, "{name}, {}: {limit}", estimator.0);
         }
         scene.lights[0].emitted *= 1.05;
-        let limit = limit_of_energy(&scene, &volume, truth, ESTIMATORS[2], 300_000);
+        let limit = Traced::new(&scene, &volume, 300_000).limit_of_energy(truth, ESTIMATORS[2]);
         assert!((limit - 1.0).abs() > 0.02, "{name}: a fault of 5 % went unseen");
     }
 }
@@ -72,9 +85,10 @@ fn energy_tends_to_one_and_a_fault_of_five_per_cent_shows() {
 fn errors_fall_with_photons_and_with_size() {
     let (scene, volume) = truth_scene("knuckle");
     let (truth, _) = truth_image("knuckle");
-    let error = |estimator, size, photons| {
-        let image = photon_map(&scene, &volume, estimator, size, photons);
-        Metrics::of(&image, &truth).expect("comparable")
+    let [mut few, mut many] =
+        [10_000, 100_000].map(|photons| Traced::new(&scene, &volume, photons));
+    let error = |traced: &mut Traced, estimator, size| {
+        Metrics::of(&traced.image(estimator, size), &truth).expect("comparable")
     };
     let even = (Estimator::Points, Weighting::Even);
     let plain = (Estimator::Points, Weighting::Plain);
@@ -85,7 +99,7 @@ fn errors_fall_with_photons_and_with_size() {
         ("fluence", fluence, 1.0, 0.01, 1e-6),
     ];
     for (label, estimator, size, bound, leak) in bounds {
-        let (few, many) = (error(estimator, size, 10_000), error(estimator, size, 100_000));
+        let [few, many] = [&mut few, &mut many].map(|traced| error(traced, estimator, size));
         println!(
             "{label}: relMSE {:.4} -> {:.4}, leak {:.6}",
             few.rel_mse, many.rel_mse, many.leak
@@ -97,7 +111,7 @@ fn errors_fall_with_photons_and_with_size() {
     for (label, estimator, coarse, fine) in
         [("plain", plain, 2.0, 1.0), ("fluence", fluence, 0.25, 0.5)]
     {
-        let (coarse, fine) = (error(estimator, coarse, 100_000), error(estimator, fine, 100_000));
+        let [coarse, fine] = [coarse, fine].map(|size| error(&mut many, estimator, size));
         assert!(fine.rel_mse < 0.6 * coarse.rel_mse, "{label}: size");
     }
 }
@@ -113,8 +127,9 @@ fn two_densities_by_two_radii() {
         let mut exact = scene.clone();
         (exact.settings.method, exact.settings.samples) = (Method::Reference, 256);
         let truth = mean(&rendered(&exact, &volume).image);
+        let mut traced = Traced::new(&scene, &volume, 200_000);
         for estimator in ESTIMATORS {
-            let limit = limit_of_energy(&scene, &volume, truth, estimator, 200_000);
+            let limit = traced.limit_of_energy(truth, estimator);
             assert!((limit - 1.0).abs() < 0.025, "x{factor}, {}: {limit}", estimator.0);
         }
     }
@@ -130,7 +145,7 @@ fn every_truth_is_met() {
         ("cloud_forward", Estimator::Points, 2.0, 0.02),
     ] {
         let (scene, volume) = truth_scene(name);
-        let image = photon_map(&scene, &volume, (estimator, Weighting::Even), size, 200_000);
+        let image = Traced::new(&scene, &volume, 200_000).image((estimator, Weighting::Even), size);
         let m = Metrics::of(&image, &truth_image(name).0).expect("comparable");
         println!("{name}: relMSE {:.4}, energy {:.4}", m.rel_mse, m.energy);
         assert!(m.rel_mse < bound && (m.energy - 1.0).abs() < 0.07, "{name}");

@@ -11,10 +11,10 @@ struct PointsParams {
     shift: u32,
     buckets: u32,
     kernel: f32,           // 1 / (4/3 pi r^3)
-    first: u32,            // place of the first that is taken, or of the first new one
+    first: u32,            // place of the first that is taken; of merged ones, how many are kept
     sign: f32,             // -1: what is taken has gone
     step: u32,             // buckets from one that is looked for to the next
-    fresh: u32,            // 1: all points are new, and no mean is known
+    all: u32,              // 1: of all slots, not of those that moved
     changed: vec2<u32>,    // bins whose extinction changed since
     pad: vec2<u32>,
 }

@@ -32,8 +32,8 @@ pub(super) struct Moved {
 enum Lights {
     /// All of one light went (sign -1) or came (1).
     All(wgpu::Buffer, f32),
-    /// The light before, and now.
-    Differing([wgpu::Buffer; 2]),
+    /// The light that was seen and the light now, with the points that lost and have it marked.
+    Some([(wgpu::Buffer, WorkList); 2]),
 }
 
 impl Moved {
@@ -42,76 +42,66 @@ impl Moved {
         Self::new(part, Lights::All(part.points.lights.clone(), sign))
     }
 
-    /// Those whose light is not what was `seen`.
-    pub(super) fn since(seen: wgpu::Buffer, part: &Part) -> Self {
-        Self::new(part, Lights::Differing([seen, part.points.lights.clone()]))
+    /// Those whose light is not what was `seen`, as marked.
+    pub(super) fn some(part: &Part, seen: wgpu::Buffer, [went, came]: [WorkList; 2]) -> Self {
+        Self::new(part, Lights::Some([(seen, went), (part.points.lights.clone(), came)]))
     }
 
     fn new(part: &Part, what: Lights) -> Self {
         let Sorted { count, keys, places, .. } = &part.points;
         Self { count: *count, keys: keys.clone(), places: places.clone(), what }
     }
+
+    /// Lists them: what went, what came, or both.
+    fn list(self, gpu: &Gpu, listed: &mut Vec<Listed>) -> Result<()> {
+        let Self { count, keys, places, what } = self;
+        let mut add = |lights, sign, list| {
+            let (keys, places) = (keys.clone(), places.clone());
+            listed.push(Listed { keys, places, lights, sign, list });
+        };
+        match what {
+            Lights::All(lights, sign) => {
+                let mut list = WorkList::new(gpu, count)?;
+                list.fill(gpu.stage("list"), None)?;
+                add(lights, sign, list);
+            }
+            Lights::Some(both) => {
+                for ((lights, mut list), sign) in both.into_iter().zip([-1.0, 1.0]) {
+                    list.compact(gpu.stage("list"), None)?;
+                    add(lights, sign, list);
+                }
+            }
+        }
+        Ok(())
+    }
 }
 
 /// Points that came (sign 1) or went (-1).
-struct Listed<'a> {
-    of: &'a Moved,
-    lights: &'a wgpu::Buffer,
+struct Listed {
+    keys: wgpu::Buffer,
+    places: wgpu::Buffer,
+    lights: wgpu::Buffer,
     sign: f32,
     list: WorkList,
 }
 
 impl Points {
     /// Finds which points came and which went in the last build, and marks where light
-    /// changed.
+    /// changed. Returns how many points went and came; those of another light did both.
     ///
     /// # Errors
     /// The device failed, or ended the loops that mark what is around a point.
-    pub fn compare(&mut self, gpu: &Gpu, dirty: &Dirty, counters: &CounterBuffer) -> Result<()> {
-        let moved = std::mem::take(&mut self.moved);
+    pub fn compare(&mut self, gpu: &Gpu, dirty: &Dirty, counters: &CounterBuffer) -> Result<u64> {
         let mut listed = Vec::new();
-        for moved in &moved {
-            self.list(gpu, moved, &mut listed)?;
+        for moved in std::mem::take(&mut self.moved) {
+            moved.list(gpu, &mut listed)?;
         }
         self.mark_around(gpu, (dirty, counters), &listed)?;
         if matches!(self.changes, Changes::None) {
             self.changes = self.found(gpu, &listed)?;
         }
-        counters.read(gpu)?.all_finished("points", "lower `radius`")
-    }
-
-    fn list<'a>(&self, gpu: &Gpu, moved: &'a Moved, listed: &mut Vec<Listed<'a>>) -> Result<()> {
-        let list = || WorkList::new(gpu, moved.count);
-        match &moved.what {
-            Lights::All(lights, sign) => {
-                let mut list = list()?;
-                list.fill(gpu.stage("list"), None)?;
-                listed.push(Listed { of: moved, lights, sign: *sign, list });
-            }
-            Lights::Differing([seen, now]) => {
-                let (mut went, mut came) = (list()?, list()?);
-                let bindings = [
-                    ("seen_lights", seen.into()),
-                    ("point_lights", now.into()),
-                    ("went", (&went.marks).into()),
-                    ("came", (&came.marks).into()),
-                ];
-                let mut stage = gpu.stage("points_match");
-                went.unmark(&mut stage);
-                came.unmark(&mut stage);
-                stage.dispatch(
-                    &self.compare,
-                    moved.count.into(),
-                    &bindings,
-                    &self.params(moved.count),
-                )?;
-                went.compact(stage, None)?;
-                came.compact(gpu.stage("list"), None)?;
-                listed.push(Listed { of: moved, lights: seen, sign: -1.0, list: went });
-                listed.push(Listed { of: moved, lights: now, sign: 1.0, list: came });
-            }
-        }
-        Ok(())
+        counters.read(gpu)?.all_finished("points", "lower `radius`")?;
+        Ok(listed.iter().map(|l| u64::from(l.list.count)).sum())
     }
 
     /// Marks the light around the listed points.
@@ -121,9 +111,9 @@ impl Points {
         (dirty, counters): (&Dirty, &CounterBuffer),
         listed: &[Listed],
     ) -> Result<()> {
-        for Listed { of, list, .. } in listed {
+        for Listed { places, list, .. } in listed {
             let mut bindings = dirty.bindings();
-            bindings.push(("point_places", (&of.places).into()));
+            bindings.push(("point_places", places.into()));
             bindings.push(("work", (&list.items).into()));
             bindings.push(("counters", counters.buffer().into()));
             let mut stage = gpu.stage("points_dirty");
@@ -138,7 +128,7 @@ impl Points {
     /// their share tells.
     fn found(&self, gpu: &Gpu, listed: &[Listed]) -> Result<Changes> {
         let total: u64 = listed.iter().map(|l| u64::from(l.list.count)).sum();
-        let all: u64 = self.batches.iter().map(|b| u64::from(b.part.points.count)).sum();
+        let all = self.count();
         let fits = total * size_of::<[u32; 4]>() as u64 <= gpu.max_binding();
         match total {
             0 => Ok(Changes::None),
@@ -155,12 +145,12 @@ impl Points {
         let places = gpu.buffer::<[u32; 4]>("point places", total as usize)?;
         let lights = gpu.buffer::<[f32; 4]>("point lights", total as usize)?;
         let mut first = 0;
-        for Listed { of, lights: own, sign, list } in listed {
+        for Listed { keys, places: own, lights: light, sign, list } in listed {
             let bindings = [
                 ("work", (&list.items).into()),
-                ("keys", (&of.keys).into()),
-                ("point_places", (&of.places).into()),
-                ("point_lights", (*own).into()),
+                ("keys", keys.into()),
+                ("point_places", own.into()),
+                ("point_lights", light.into()),
                 ("taken_keys", (&sorted.keys).into()),
                 ("taken_order", (&order).into()),
                 ("taken_places", (&places).into()),
@@ -176,7 +166,7 @@ impl Points {
         let mut stage = gpu.stage("points_arrange");
         for (taken, sorted) in [(&places, &sorted.places), (&lights, &sorted.lights)] {
             let buffers = [taken, taken, sorted];
-            self.arrange(&mut stage, &self.arrange_fours, (&order, total), buffers)?;
+            self.arrange(&mut stage, &self.arrange[2], (&order, total), buffers)?;
         }
         self.find(&mut stage, &sorted)?;
         stage.finish()?;

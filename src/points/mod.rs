@@ -17,11 +17,11 @@ use std::sync::Arc;
 
 use crate::error::{Error, Result};
 use crate::frame::{DeviceScene, words};
-use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
 use crate::gpu::run::{Bindings, Stage};
 use crate::gpu::sort::Sorter;
+use crate::gpu::{GROUP, Gpu};
 use crate::photon::{Batch, PhotonMap};
 use crate::query::{CHANGE_ALBEDO, CHANGE_FALLEN, CHANGE_PHASE, CHANGE_RISEN};
 use crate::render::Progress;
@@ -32,6 +32,8 @@ use changes::{Changes, Moved};
 
 /// Buckets of one batch's table, at most: 16 MiB.
 const MAX_BUCKETS: u64 = 1 << 22;
+/// Points of which a work group finds means.
+pub const MEAN_BLOCK: u32 = 512;
 /// Buckets that are so far apart are looked for among all points, the others between them.
 pub const BUCKET_STEP: u32 = 256;
 
@@ -50,14 +52,14 @@ shared_struct! {
         pub buckets: u32,
         /// 1 / (4/3 pi r³).
         pub kernel: f32,
-        /// Place of the first point that is taken, or of the first new one.
+        /// Place of the first point that is taken; of merged ones, how many are kept.
         pub first: u32,
         /// -1 where what is taken has gone.
         pub sign: f32,
         /// Buckets from one whose begin is looked for to the next.
         pub step: u32,
-        /// 1 where all points are new, and no mean is known.
-        pub fresh: u32,
+        /// 1 where it is of all slots, or of all points; 0 where of those that moved, or stay.
+        pub all: u32,
         /// Bins whose extinction changed since.
         pub changed: [u32; 2],
         /// Keeps the size a multiple of 16.
@@ -113,6 +115,26 @@ struct Part {
     slots: wgpu::Buffer,
     /// The mean extinction around each, 1/mm, where `even` divides by it.
     means: wgpu::Buffer,
+    /// The historygram of the values that each mean is of, where updates are to come.
+    mean_histories: wgpu::Buffer,
+}
+
+impl Part {
+    fn bindings<'a>(&'a self, batch: &'a Batch) -> Bindings<'a> {
+        let mut bindings = self.points.bindings();
+        bindings.extend([
+            ("states", (&batch.states).into()),
+            ("slots", (&self.slots).into()),
+            ("means", (&self.means).into()),
+            ("mean_histories", (&self.mean_histories).into()),
+        ]);
+        bindings
+    }
+
+    fn bytes(&self) -> u64 {
+        let own = [&self.slots, &self.means, &self.mean_histories];
+        self.points.bytes() + own.map(wgpu::Buffer::size).iter().sum::<u64>()
+    }
 }
 
 /// The points of one photon batch.
@@ -145,6 +167,8 @@ pub struct Points {
     moved: Vec<Moved>,
     /// What went and came since all segments were computed.
     changes: Changes,
+    /// Means have histories.
+    history: bool,
     /// Segments have not seen what an earlier build changed.
     unsettled: bool,
     /// No points, for a scene without lights.
@@ -153,14 +177,15 @@ pub struct Points {
     keep: Arc<Kernel>,
     key: Arc<Kernel>,
     merge: Arc<Kernel>,
-    mean: Arc<Kernel>,
-    record: Arc<Kernel>,
+    order: Arc<Kernel>,
+    /// Of points that were there, and of new ones.
+    mean: [Arc<Kernel>; 2],
+    record: [Arc<Kernel>; 2],
     starts: Arc<Kernel>,
-    compare: Arc<Kernel>,
     dirty: Arc<Kernel>,
     take: Arc<Kernel>,
-    arrange_words: Arc<Kernel>,
-    arrange_fours: Arc<Kernel>,
+    /// Of words, of two and of four of them.
+    arrange: [Arc<Kernel>; 3],
 }
 
 impl Points {
@@ -201,19 +226,27 @@ impl Points {
             batches: Vec::new(),
             moved: Vec::new(),
             changes: Changes::None,
+            history: settings.history,
             unsettled: false,
             mark: gpu.kernel("points_mark", &[])?,
             keep: gpu.kernel("points_keep", &[])?,
             key: gpu.kernel("points_key", &[])?,
             merge: gpu.kernel("points_merge", &[])?,
-            mean: gpu.kernel("points_mean", &scene.flags(&["nearest", "float_voxels"]))?,
-            record: record_kernel(gpu, scene, even)?,
+            order: gpu.kernel("points_order", &[])?,
+            mean: two_kernels(
+                gpu,
+                "points_mean",
+                scene.flags(&["nearest", "float_voxels", "history", "listed_bins"]),
+            )?,
+            record: record_kernels(gpu, scene, even)?,
             starts: gpu.kernel("points_starts", &[])?,
-            compare: gpu.kernel("points_match", &[])?,
             dirty: gpu.kernel("points_dirty", &[])?,
             take: gpu.kernel("points_take", &[])?,
-            arrange_words: gpu.kernel("points_arrange", &[])?,
-            arrange_fours: gpu.kernel("points_arrange", &["fours"])?,
+            arrange: [
+                gpu.kernel("points_arrange", &[])?,
+                gpu.kernel("points_arrange", &["twos"])?,
+                gpu.kernel("points_arrange", &["fours"])?,
+            ],
         })
     }
 
@@ -222,7 +255,7 @@ impl Points {
     /// # Errors
     /// The device refuses them.
     pub fn respecialise(&mut self, gpu: &Gpu, scene: &DeviceScene) -> Result<()> {
-        self.record = record_kernel(gpu, scene, self.even)?;
+        self.record = record_kernels(gpu, scene, self.even)?;
         Ok(())
     }
 
@@ -271,7 +304,7 @@ impl Points {
                 }
             };
             self.batches.push(now);
-            map.batches[i].stale = false;
+            map.batches[i].settle(gpu)?;
             progress.at("sort", i as u64 + 1, total as u64);
         }
         self.moved.extend(before.iter().map(|gone| Moved::all(&gone.part, -1.0)));
@@ -287,7 +320,7 @@ impl Points {
         (map, batch): (&PhotonMap, &Batch),
     ) -> Result<SortedBatch> {
         let all_slots = batch.photons * map.max_events;
-        let mut live = self.live(gpu, batch, all_slots)?;
+        let mut live = self.live(gpu, batch, all_slots, true)?;
         live.compact(gpu.stage("list"), None)?;
         Ok(SortedBatch {
             key: (batch.light_id, batch.first_index),
@@ -306,53 +339,64 @@ impl Points {
         (map, batch): (&PhotonMap, &Batch),
         mut own: SortedBatch,
     ) -> Result<SortedBatch> {
-        let mut new = self.live(gpu, batch, own.all_slots)?;
-        let kept = self.kept(gpu, batch, &own.part, &new)?;
+        if !batch.any_moved {
+            self.moved.push(self.refresh(gpu, scene, batch, (&own.part, None))?);
+            return Ok(own);
+        }
+        let kept = self.kept(gpu, batch, &own.part)?;
+        let mut new = self.live(gpu, batch, own.all_slots, false)?;
         new.compact(gpu.stage("list"), None)?;
-        if cheaper_to_sort(new.count, kept.count) {
+        if self.is_sorting_cheaper(new.count, kept.count) {
             let now = self.sorted(gpu, scene, (map, batch))?;
             self.moved.extend([Moved::all(&own.part, -1.0), Moved::all(&now.part, 1.0)]);
             return Ok(now);
         }
-        let count = own.part.points.count;
-        let lights = gpu.buffer::<[f32; 4]>("point lights", count as usize)?;
-        let seen = std::mem::replace(&mut own.part.points.lights, lights);
-        self.record(gpu, scene, batch, (&own.part, Some(&kept.marks)))?;
-        self.moved.push(Moved::since(seen, &own.part));
-        if kept.count < count || new.count > 0 {
-            let new = self.part(gpu, scene, batch, &new)?;
-            self.moved.push(Moved::all(&new, 1.0));
-            own.part = self.merged(gpu, (&own.part, &kept), &new)?;
-        }
+        self.moved.push(self.refresh(gpu, scene, batch, (&own.part, Some(&kept)))?);
+        let new = self.part(gpu, scene, batch, &new)?;
+        self.moved.push(Moved::all(&new, 1.0));
+        own.part = self.merged(gpu, (&own.part, &kept), &new)?;
         Ok(own)
     }
 
-    /// The slots of a batch that enter the light field, marked.
-    fn live(&self, gpu: &Gpu, batch: &Batch, all_slots: u32) -> Result<WorkList> {
+    /// Whether to sort all points anew rather than those that moved, and merge them with those
+    /// that are kept. Merging was measured to pay until 60 % moved; until 80 % where means are
+    /// known, which sorting anew forgets; where extinction changed, until 10 % if it changed
+    /// around all points, and 80 % if around few.
+    fn is_sorting_cheaper(&self, moved: u32, kept: u32) -> bool {
+        let share = match (self.even, self.params.changed == [0, 0]) {
+            (false, _) => 0.6,
+            (true, true) => 0.8,
+            (true, false) => 0.5,
+        };
+        f64::from(moved) > share * (f64::from(moved) + f64::from(kept))
+    }
+
+    /// The slots of a batch that enter the light field, marked: of all, or of those that moved.
+    fn live(&self, gpu: &Gpu, batch: &Batch, all_slots: u32, all: bool) -> Result<WorkList> {
         let live = WorkList::new(gpu, all_slots)?;
-        let bindings = [("states", (&batch.states).into()), ("marks", (&live.marks).into())];
+        let bindings = [
+            ("states", (&batch.states).into()),
+            ("moved", (&batch.moved).into()),
+            ("marks", (&live.marks).into()),
+        ];
+        let params = PointsParams { all: all.into(), ..self.params(all_slots) };
         let mut stage = gpu.stage("points_mark");
-        let words = all_slots.div_ceil(32);
-        stage.dispatch(&self.mark, words.into(), &bindings, &self.params(all_slots))?;
+        stage.dispatch(&self.mark, all_slots.div_ceil(32).into(), &bindings, &params)?;
         stage.finish()?;
         Ok(live)
     }
 
-    /// Finds the points of a part that are where they were. Their slots are no longer `new`.
-    fn kept(&self, gpu: &Gpu, batch: &Batch, part: &Part, new: &WorkList) -> Result<WorkList> {
+    /// Finds the points of a part that are where they were.
+    fn kept(&self, gpu: &Gpu, batch: &Batch, part: &Part) -> Result<WorkList> {
         let count = part.points.count;
         let mut kept = WorkList::new(gpu, count)?;
         let bindings = [
-            ("places", (&batch.places).into()),
-            ("states", (&batch.states).into()),
+            ("moved", (&batch.moved).into()),
             ("slots", (&part.slots).into()),
-            ("point_places", (&part.points.places).into()),
             ("marks", (&kept.marks).into()),
-            ("new_slots", (&new.marks).into()),
         ];
         let mut stage = gpu.stage("points_keep");
-        kept.unmark(&mut stage);
-        stage.dispatch(&self.keep, count.into(), &bindings, &self.params(count))?;
+        stage.dispatch(&self.keep, count.div_ceil(32).into(), &bindings, &self.params(count))?;
         kept.compact(stage, None)?;
         Ok(kept)
     }
@@ -376,38 +420,58 @@ impl Points {
         let points = Sorted::new(gpu, keys, count, &params)?;
         let mut stage = gpu.stage("points_starts");
         let places = [&batch.places, &batch.places, &points.places];
-        self.arrange(&mut stage, &self.arrange_fours, (&slots, count), places)?;
+        self.arrange(&mut stage, &self.arrange[2], (&slots, count), places)?;
         self.find(&mut stage, &points)?;
         stage.finish()?;
-        let means = gpu.buffer::<f32>("point means", if self.even { count as usize } else { 0 })?;
-        let part = Part { points, slots, means };
-        self.record(gpu, scene, batch, (&part, None))?;
+        let [means, mean_histories] = self.means(gpu, count)?;
+        let part = Part { points, slots, means, mean_histories };
+        let bindings = [scene.bindings(), part.bindings(batch)].concat();
+        let mut stage = gpu.stage("points_record");
+        if self.even {
+            stage.dispatch(&self.mean[1], mean_threads(count), &bindings, &params)?;
+        }
+        stage.dispatch(&self.record[1], count.into(), &bindings, &params)?;
+        stage.finish()?;
         Ok(part)
     }
 
-    /// Records the light of the points of a part that are `kept`; of all, which are new, without.
-    fn record(
+    /// Room for the means of points, and for their histories.
+    fn means(&self, gpu: &Gpu, count: u32) -> Result<[wgpu::Buffer; 2]> {
+        let room = |is_wanted| if is_wanted { count as usize } else { 0 };
+        Ok([
+            gpu.buffer::<f32>("point means", room(self.even))?,
+            gpu.buffer::<[u32; 2]>("mean histories", room(self.even && self.history))?,
+        ])
+    }
+
+    /// Gives the points of a part the light that they have now: those that are kept, or all.
+    fn refresh(
         &self,
         gpu: &Gpu,
         scene: &DeviceScene,
         batch: &Batch,
-        (part, kept): (&Part, Option<&wgpu::Buffer>),
-    ) -> Result<()> {
+        (part, kept): (&Part, Option<&WorkList>),
+    ) -> Result<Moved> {
         let count = part.points.count;
-        let mut bindings = [scene.bindings(), part.points.bindings()].concat();
+        let params = PointsParams { all: kept.is_none().into(), ..self.params(count) };
+        let seen = gpu.buffer::<[f32; 4]>("point lights", count as usize)?;
+        let (went, came) = (WorkList::new(gpu, count)?, WorkList::new(gpu, count)?);
+        let mut bindings = [scene.bindings(), part.bindings(batch)].concat();
         bindings.extend([
-            ("states", (&batch.states).into()),
-            ("slots", (&part.slots).into()),
-            ("means", (&part.means).into()),
-            ("kept", kept.unwrap_or(&self.none.starts).into()),
+            ("kept", kept.map_or(&self.none.starts, |kept| &kept.marks).into()),
+            ("seen_lights", (&seen).into()),
+            ("went", (&went.marks).into()),
+            ("came", (&came.marks).into()),
         ]);
-        let params = PointsParams { fresh: kept.is_none().into(), ..self.params(count) };
         let mut stage = gpu.stage("points_record");
-        if self.even && (kept.is_none() || params.changed != [0, 0]) {
-            stage.dispatch(&self.mean, count.into(), &bindings, &params)?;
+        went.unmark(&mut stage);
+        came.unmark(&mut stage);
+        if self.even && params.changed != [0, 0] {
+            stage.dispatch(&self.mean[0], mean_threads(count), &bindings, &params)?;
         }
-        stage.dispatch(&self.record, count.into(), &bindings, &params)?;
-        stage.finish()
+        stage.dispatch(&self.record[0], count.into(), &bindings, &params)?;
+        stage.finish()?;
+        Ok(Moved::some(part, seen, [went, came]))
     }
 
     fn params(&self, count: u32) -> PointsParams {
@@ -418,38 +482,39 @@ impl Points {
     fn merged(&self, gpu: &Gpu, (before, kept): (&Part, &WorkList), new: &Part) -> Result<Part> {
         let count = kept.count + new.points.count;
         let words = |stage: &'static str| gpu.buffer::<u32>(stage, count as usize);
-        let order = words("points order")?;
+        // The places of new points are marked, and the list becomes the order of all.
+        let list = WorkList::new(gpu, count)?;
+        let order = &list.items;
         let bindings = [
             ("kept", (&kept.items).into()),
             ("seen_keys", (&before.points.keys).into()),
             ("seen_slots", (&before.slots).into()),
             ("new_keys", (&new.points.keys).into()),
             ("new_slots", (&new.slots).into()),
-            ("order", (&order).into()),
+            ("marks", (&list.marks).into()),
+            ("ranks", (&list.ranks).into()),
+            ("order", order.into()),
         ];
-        let params = PointsParams { first: kept.count, ..self.params(count) };
+        let params = PointsParams { first: kept.count, ..self.params(new.points.count) };
         let mut stage = gpu.stage("points_merge");
-        stage.dispatch(&self.merge, count.into(), &bindings, &params)?;
+        list.unmark(&mut stage);
+        stage.dispatch(&self.merge, params.count.into(), &bindings, &params)?;
+        list.rank(&mut stage)?;
+        stage.dispatch(&self.order, count.into(), &bindings, &self.params(count))?;
         let points = Sorted::new(gpu, words("points keys")?, count, &self.params)?;
-        let part = Part {
-            slots: words("points slots")?,
-            means: gpu.buffer::<f32>("point means", if self.even { count as usize } else { 0 })?,
-            points,
-        };
-        let fours = [
-            [&before.points.places, &new.points.places, &part.points.places],
-            [&before.points.lights, &new.points.lights, &part.points.lights],
+        let [means, mean_histories] = self.means(gpu, count)?;
+        let part = Part { slots: words("points slots")?, means, mean_histories, points };
+        let [words, twos, fours] = &self.arrange;
+        let all: [(_, [_; 3]); 6] = [
+            (fours, [before, new, &part].map(|part| &part.points.places)),
+            (fours, [before, new, &part].map(|part| &part.points.lights)),
+            (words, [before, new, &part].map(|part| &part.points.keys)),
+            (words, [before, new, &part].map(|part| &part.slots)),
+            (words, [before, new, &part].map(|part| &part.means)),
+            (twos, [before, new, &part].map(|part| &part.mean_histories)),
         ];
-        for buffers in fours {
-            self.arrange(&mut stage, &self.arrange_fours, (&order, count), buffers)?;
-        }
-        let words = [
-            [&before.points.keys, &new.points.keys, &part.points.keys],
-            [&before.slots, &new.slots, &part.slots],
-            [&before.means, &new.means, &part.means],
-        ];
-        for buffers in &words[..if self.even { 3 } else { 2 }] {
-            self.arrange(&mut stage, &self.arrange_words, (&order, count), *buffers)?;
+        for (kernel, buffers) in &all[..if self.even { 6 } else { 4 }] {
+            self.arrange(&mut stage, kernel, (order, count), *buffers)?;
         }
         self.find(&mut stage, &part.points)?;
         stage.finish()?;
@@ -493,7 +558,7 @@ impl Points {
 
     /// Points that a gather tests at a sample, if they are spread evenly.
     pub(crate) fn tests_per_sample(&self) -> f64 {
-        let all: f64 = self.batches.iter().map(|b| f64::from(b.part.points.count)).sum();
+        let all = self.count() as f64;
         let cells: f64 = self.params.grid.iter().map(|&n| f64::from(n)).product();
         all * (27.0 / cells).min(1.0)
     }
@@ -514,6 +579,11 @@ impl Points {
             Changes::Listed(points) => Some(vec![points.run()]),
             Changes::TooMany => None,
         }
+    }
+
+    /// How many points there are.
+    pub fn count(&self) -> u64 {
+        self.batches.iter().map(|b| u64::from(b.part.points.count)).sum()
     }
 
     /// The sorted points of all batches: position and direction, contribution and g.
@@ -537,24 +607,34 @@ impl Points {
     /// went and came, half as many as there are points, twice.
     pub fn update_bytes(&self) -> u64 {
         let slots: u64 = self.batches.iter().map(|batch| u64::from(batch.all_slots)).sum();
-        let points: u64 = self.batches.iter().map(|b| u64::from(b.part.points.count)).sum();
+        let points = self.count();
         (17 * slots + 3 * 17 * points) / 4 + (16 + 4 + 36) * points + self.bytes() * 3 / 2
     }
 
     /// Bytes of the sorted points and their tables.
     pub fn bytes(&self) -> u64 {
-        let of = |part: &Part| part.points.bytes() + part.slots.size() + part.means.size();
-        self.batches.iter().map(|batch| of(&batch.part)).sum()
+        self.batches.iter().map(|batch| batch.part.bytes()).sum()
     }
 }
 
-fn record_kernel(gpu: &Gpu, scene: &DeviceScene, even: bool) -> Result<Arc<Kernel>> {
-    let mut flags = scene.flags(&["anisotropic"]);
-    flags.extend(even.then_some("even"));
-    gpu.kernel("points_record", &flags)
+/// A group finds those means of so many points that there are to be found.
+fn mean_threads(count: u32) -> u64 {
+    u64::from(count.div_ceil(MEAN_BLOCK) * GROUP)
 }
 
-/// Whether to sort all points anew rather than those that moved, and merge them with the others.
-fn cheaper_to_sort(moved: u32, kept: u32) -> bool {
-    moved > kept
+fn record_kernels(gpu: &Gpu, scene: &DeviceScene, even: bool) -> Result<[Arc<Kernel>; 2]> {
+    let mut flags = scene.flags(&["anisotropic"]);
+    flags.extend(even.then_some("even"));
+    two_kernels(gpu, "points_record", flags)
+}
+
+/// A kernel for points that were there, and one for new ones.
+fn two_kernels(
+    gpu: &Gpu,
+    name: &'static str,
+    mut flags: Vec<&'static str>,
+) -> Result<[Arc<Kernel>; 2]> {
+    let old = gpu.kernel(name, &flags)?;
+    flags.push("fresh");
+    Ok([old, gpu.kernel(name, &flags)?])
 }
