@@ -11,7 +11,7 @@ import package::shared::points::{PointsParams, OTHER};
 @group(0) @binding(11) var<storage, read> others: array<Item>;
 @group(0) @binding(12) var<storage, read_write> after: array<Item>;
 
-@if(twos) alias Item = vec2<u32>;
+@if(twos && !fours) alias Item = vec2<u32>;
 @if(fours) alias Item = vec4<u32>;
 @if(!twos && !fours) alias Item = u32;
 

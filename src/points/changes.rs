@@ -21,69 +21,51 @@ pub(super) enum Changes {
     TooMany,
 }
 
-/// Points that may have gone and come.
+/// Points that may have gone (sign -1) or come (1).
 pub(super) struct Moved {
     count: u32,
     keys: wgpu::Buffer,
     places: wgpu::Buffer,
-    what: Lights,
-}
-
-enum Lights {
-    /// All of one light went (sign -1) or came (1).
-    All(wgpu::Buffer, f32),
-    /// The light that was seen and the light now, with the points that lost and have it marked.
-    Some([(wgpu::Buffer, WorkList); 2]),
+    lights: wgpu::Buffer,
+    sign: f32,
+    /// Those of them that did; `None`: all.
+    marked: Option<WorkList>,
 }
 
 impl Moved {
     /// All points of a part.
     pub(super) fn all(part: &Part, sign: f32) -> Self {
-        Self::new(part, Lights::All(part.points.lights.clone(), sign))
+        Self::new(part, &part.points.lights, sign, None)
     }
 
     /// Those whose light is not what was `seen`, as marked.
-    pub(super) fn some(part: &Part, seen: wgpu::Buffer, [went, came]: [WorkList; 2]) -> Self {
-        Self::new(part, Lights::Some([(seen, went), (part.points.lights.clone(), came)]))
+    pub(super) fn some(part: &Part, seen: &wgpu::Buffer, [went, came]: [WorkList; 2]) -> [Self; 2] {
+        [
+            Self::new(part, seen, -1.0, Some(went)),
+            Self::new(part, &part.points.lights, 1.0, Some(came)),
+        ]
     }
 
-    fn new(part: &Part, what: Lights) -> Self {
+    fn new(part: &Part, lights: &wgpu::Buffer, sign: f32, marked: Option<WorkList>) -> Self {
         let Sorted { count, keys, places, .. } = &part.points;
-        Self { count: *count, keys: keys.clone(), places: places.clone(), what }
+        let (keys, places) = (keys.clone(), places.clone());
+        Self { count: *count, keys, places, lights: lights.clone(), sign, marked }
     }
 
-    /// Lists them: what went, what came, or both.
-    fn list(self, gpu: &Gpu, listed: &mut Vec<Listed>) -> Result<()> {
-        let Self { count, keys, places, what } = self;
-        let mut add = |lights, sign, list| {
-            let (keys, places) = (keys.clone(), places.clone());
-            listed.push(Listed { keys, places, lights, sign, list });
-        };
-        match what {
-            Lights::All(lights, sign) => {
-                let mut list = WorkList::new(gpu, count)?;
-                list.fill(gpu.stage("list"), None)?;
-                add(lights, sign, list);
-            }
-            Lights::Some(both) => {
-                for ((lights, mut list), sign) in both.into_iter().zip([-1.0, 1.0]) {
-                    list.compact(gpu.stage("list"), None)?;
-                    add(lights, sign, list);
-                }
+    fn list(&mut self, gpu: &Gpu) -> Result<WorkList> {
+        let stage = gpu.stage("list");
+        match self.marked.take() {
+            Some(mut list) => list.compact(stage, None).map(|()| list),
+            None => {
+                let mut list = WorkList::new(gpu, self.count)?;
+                list.fill(stage, None).map(|()| list)
             }
         }
-        Ok(())
     }
 }
 
-/// Points that came (sign 1) or went (-1).
-struct Listed {
-    keys: wgpu::Buffer,
-    places: wgpu::Buffer,
-    lights: wgpu::Buffer,
-    sign: f32,
-    list: WorkList,
-}
+/// With a list of those that did.
+type Listed = (Moved, WorkList);
 
 impl Points {
     /// Finds which points came and which went in the last build, and marks where light
@@ -92,16 +74,15 @@ impl Points {
     /// # Errors
     /// The device failed, or ended the loops that mark what is around a point.
     pub fn compare(&mut self, gpu: &Gpu, dirty: &Dirty, counters: &CounterBuffer) -> Result<u64> {
-        let mut listed = Vec::new();
-        for moved in std::mem::take(&mut self.moved) {
-            moved.list(gpu, &mut listed)?;
-        }
+        let moved = std::mem::take(&mut self.moved).into_iter();
+        let listed = moved.map(|mut m| m.list(gpu).map(|list| (m, list)));
+        let listed = listed.collect::<Result<Vec<_>>>()?;
         self.mark_around(gpu, (dirty, counters), &listed)?;
         if matches!(self.changes, Changes::None) {
             self.changes = self.found(gpu, &listed)?;
         }
         counters.read(gpu)?.all_finished("points", "lower `radius`")?;
-        Ok(listed.iter().map(|l| u64::from(l.list.count)).sum())
+        Ok(listed.iter().map(|(_, list)| u64::from(list.count)).sum())
     }
 
     /// Marks the light around the listed points.
@@ -111,9 +92,9 @@ impl Points {
         (dirty, counters): (&Dirty, &CounterBuffer),
         listed: &[Listed],
     ) -> Result<()> {
-        for Listed { places, list, .. } in listed {
+        for (moved, list) in listed {
             let mut bindings = dirty.bindings();
-            bindings.push(("point_places", places.into()));
+            bindings.push(("point_places", (&moved.places).into()));
             bindings.push(("work", (&list.items).into()));
             bindings.push(("counters", counters.buffer().into()));
             let mut stage = gpu.stage("points_dirty");
@@ -127,7 +108,7 @@ impl Points {
     /// changed lie close together as a rule, so they are denser around what they touch than
     /// their share tells.
     fn found(&self, gpu: &Gpu, listed: &[Listed]) -> Result<Changes> {
-        let total: u64 = listed.iter().map(|l| u64::from(l.list.count)).sum();
+        let total: u64 = listed.iter().map(|(_, list)| u64::from(list.count)).sum();
         let all = self.count();
         let fits = total * size_of::<[u32; 4]>() as u64 <= gpu.max_binding();
         match total {
@@ -145,18 +126,18 @@ impl Points {
         let places = gpu.buffer::<[u32; 4]>("point places", total as usize)?;
         let lights = gpu.buffer::<[f32; 4]>("point lights", total as usize)?;
         let mut first = 0;
-        for Listed { keys, places: own, lights: light, sign, list } in listed {
+        for (moved, list) in listed {
             let bindings = [
                 ("work", (&list.items).into()),
-                ("keys", keys.into()),
-                ("point_places", own.into()),
-                ("point_lights", light.into()),
+                ("keys", (&moved.keys).into()),
+                ("point_places", (&moved.places).into()),
+                ("point_lights", (&moved.lights).into()),
                 ("taken_keys", (&sorted.keys).into()),
                 ("taken_order", (&order).into()),
                 ("taken_places", (&places).into()),
                 ("taken_lights", (&lights).into()),
             ];
-            let params = PointsParams { first, sign: *sign, ..self.params(list.count) };
+            let params = PointsParams { first, sign: moved.sign, ..self.params(list.count) };
             first += list.count;
             let mut stage = gpu.stage("points_take");
             stage.dispatch(&self.take, list.count.into(), &bindings, &params)?;

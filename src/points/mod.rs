@@ -340,7 +340,7 @@ impl Points {
         mut own: SortedBatch,
     ) -> Result<SortedBatch> {
         if !batch.any_moved {
-            self.moved.push(self.refresh(gpu, scene, batch, (&own.part, None))?);
+            self.moved.extend(self.refresh(gpu, scene, batch, (&own.part, None))?);
             return Ok(own);
         }
         let kept = self.kept(gpu, batch, &own.part)?;
@@ -351,7 +351,7 @@ impl Points {
             self.moved.extend([Moved::all(&own.part, -1.0), Moved::all(&now.part, 1.0)]);
             return Ok(now);
         }
-        self.moved.push(self.refresh(gpu, scene, batch, (&own.part, Some(&kept)))?);
+        self.moved.extend(self.refresh(gpu, scene, batch, (&own.part, Some(&kept)))?);
         let new = self.part(gpu, scene, batch, &new)?;
         self.moved.push(Moved::all(&new, 1.0));
         own.part = self.merged(gpu, (&own.part, &kept), &new)?;
@@ -451,7 +451,7 @@ impl Points {
         scene: &DeviceScene,
         batch: &Batch,
         (part, kept): (&Part, Option<&WorkList>),
-    ) -> Result<Moved> {
+    ) -> Result<[Moved; 2]> {
         let count = part.points.count;
         let params = PointsParams { all: kept.is_none().into(), ..self.params(count) };
         let seen = gpu.buffer::<[f32; 4]>("point lights", count as usize)?;
@@ -471,7 +471,7 @@ impl Points {
         }
         stage.dispatch(&self.record[0], count.into(), &bindings, &params)?;
         stage.finish()?;
-        Ok(Moved::some(part, seen, [went, came]))
+        Ok(Moved::some(part, &seen, [went, came]))
     }
 
     fn params(&self, count: u32) -> PointsParams {
