@@ -4,6 +4,8 @@
 
 mod common;
 
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
 use common::{gpu, mean, rendered, truth_image, truth_scene};
 use photogram::film::Image;
 use photogram::frame::DeviceScene;
@@ -13,6 +15,12 @@ use photogram::scene::{Estimator, Method, Scene, Settings, Weighting};
 use photogram::update::PhotonFrame;
 use photogram::volume::Volume;
 
+/// These tests are large, and each uses all cores: side by side they take longer.
+fn alone() -> MutexGuard<'static, ()> {
+    static LARGE: Mutex<()> = Mutex::new(());
+    LARGE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// The three estimators, each with two sizes, the finer one last: radii in voxels (of
 /// 1 mm), or cells per voxel.
 const ESTIMATORS: [(&str, Estimator, Weighting, [f64; 2]); 3] = [
@@ -21,6 +29,9 @@ const ESTIMATORS: [(&str, Estimator, Weighting, [f64; 2]); 3] = [
     ("fluence", Estimator::Fluence, Weighting::Even, [0.5, 1.0]),
 ];
 
+/// March step, voxels: no longer than the least radius.
+const STEP: f64 = 0.25;
+
 /// Photons that were traced once, and what the estimators make of them.
 struct Traced {
     frame: PhotonFrame,
@@ -28,10 +39,10 @@ struct Traced {
 }
 
 impl Traced {
-    fn new(scene: &Scene, volume: &Volume, photons: u64) -> Self {
+    fn new(scene: &Scene, volume: &Volume, photons: u64, step: f64) -> Self {
         let mut scene = scene.clone();
         (scene.settings.photons, scene.settings.rays) = (photons, 4);
-        (scene.settings.step, scene.settings.estimator) = (0.25, Some(Estimator::Points));
+        (scene.settings.step, scene.settings.estimator) = (step, Some(Estimator::Points));
         let device = DeviceScene::new(gpu(), &scene, volume).expect("uploads");
         let frame = PhotonFrame::new(gpu(), &scene, device, 4, &Split::default()).expect("fits");
         Self { frame, settings: scene.settings }
@@ -63,18 +74,20 @@ impl Traced {
 
 #[test]
 fn energy_tends_to_one_and_a_fault_of_five_per_cent_shows() {
+    let _alone = alone();
     for name in ["knuckle", "ball_multiple"] {
         let (mut scene, volume) = truth_scene(name);
         let truth = mean(&truth_image(name).0);
         println!("{name}");
         // A million photons carry noise of about half a per cent.
-        let mut traced = Traced::new(&scene, &volume, 1_000_000);
+        let mut traced = Traced::new(&scene, &volume, 1_000_000, STEP);
         for estimator in ESTIMATORS {
             let limit = traced.limit_of_energy(truth, estimator);
             assert!((limit - 1.0).abs() < 0.02, "{name}, {}: {limit}", estimator.0);
         }
         scene.lights[0].emitted *= 1.05;
-        let limit = Traced::new(&scene, &volume, 300_000).limit_of_energy(truth, ESTIMATORS[2]);
+        let limit =
+            Traced::new(&scene, &volume, 300_000, STEP).limit_of_energy(truth, ESTIMATORS[2]);
         assert!((limit - 1.0).abs() > 0.02, "{name}: a fault of 5 % went unseen");
     }
 }
@@ -83,10 +96,11 @@ fn energy_tends_to_one_and_a_fault_of_five_per_cent_shows() {
 /// 0.012 at r = 1, fluence 0.003 at full grid. Fewer photons here, so more is allowed.
 #[test]
 fn errors_fall_with_photons_and_with_size() {
+    let _alone = alone();
     let (scene, volume) = truth_scene("knuckle");
     let (truth, _) = truth_image("knuckle");
     let [mut few, mut many] =
-        [10_000, 100_000].map(|photons| Traced::new(&scene, &volume, photons));
+        [10_000, 100_000].map(|photons| Traced::new(&scene, &volume, photons, STEP));
     let error = |traced: &mut Traced, estimator, size| {
         Metrics::of(&traced.image(estimator, size), &truth).expect("comparable")
     };
@@ -120,6 +134,7 @@ fn errors_fall_with_photons_and_with_size() {
 /// second density is the reference, which Mitsuba's answers vouch for.
 #[test]
 fn two_densities_by_two_radii() {
+    let _alone = alone();
     for factor in [1.0, 3.0] {
         let (mut scene, volume) = truth_scene("ball_multiple");
         scene.materials[0].extinction *= factor;
@@ -127,7 +142,7 @@ fn two_densities_by_two_radii() {
         let mut exact = scene.clone();
         (exact.settings.method, exact.settings.samples) = (Method::Reference, 256);
         let truth = mean(&rendered(&exact, &volume).image);
-        let mut traced = Traced::new(&scene, &volume, 200_000);
+        let mut traced = Traced::new(&scene, &volume, 200_000, STEP);
         for estimator in ESTIMATORS {
             let limit = traced.limit_of_energy(truth, estimator);
             assert!((limit - 1.0).abs() < 0.025, "x{factor}, {}: {limit}", estimator.0);
@@ -138,14 +153,16 @@ fn two_densities_by_two_radii() {
 /// Every edit of the truth scenes, and the anisotropic one, come near their own truth.
 #[test]
 fn every_truth_is_met() {
-    for (name, estimator, size, bound) in [
-        ("ball_single", Estimator::Fluence, 1.0, 0.02),
-        ("knuckle_bone_edit", Estimator::Fluence, 1.0, 0.01),
-        ("knuckle_vessel_edit", Estimator::Fluence, 1.0, 0.01),
-        ("cloud_forward", Estimator::Points, 2.0, 0.02),
+    let _alone = alone();
+    for (name, estimator, size, step, bound) in [
+        ("ball_single", Estimator::Fluence, 1.0, STEP, 0.02),
+        ("knuckle_bone_edit", Estimator::Fluence, 1.0, STEP, 0.01),
+        ("knuckle_vessel_edit", Estimator::Fluence, 1.0, STEP, 0.01),
+        ("cloud_forward", Estimator::Points, 2.0, 1.0, 0.02),
     ] {
         let (scene, volume) = truth_scene(name);
-        let image = Traced::new(&scene, &volume, 200_000).image((estimator, Weighting::Even), size);
+        let image =
+            Traced::new(&scene, &volume, 200_000, step).image((estimator, Weighting::Even), size);
         let m = Metrics::of(&image, &truth_image(name).0).expect("comparable");
         println!("{name}: relMSE {:.4}, energy {:.4}", m.rel_mse, m.energy);
         assert!(m.rel_mse < bound && (m.energy - 1.0).abs() < 0.07, "{name}");
