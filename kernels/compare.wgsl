@@ -1,10 +1,12 @@
 // What tracing anew has changed: a photon's task then begins at its first slot that
-// differs from the journal, histories aside, and only what follows is handed on. Slots that
-// came, went or are elsewhere are marked: the light field may hold them in another order.
+// differs from the journal, histories aside, and only what follows is handed on. For the
+// fluence photons that changed are marked; for `points`, which have an order, slots that came,
+// went or are elsewhere.
 
 import package::constants::GROUP;
 import package::shared::counter::{CHANGED, MOVED, count};
 import package::shared::item::item_index;
+import package::shared::marks::mark;
 import package::shared::photon::{PhotonParams, Task, NOTHING, pack_task, unpack_task};
 import package::shared::slot::{EMPTY, slot_kind};
 
@@ -15,7 +17,7 @@ import package::shared::slot::{EMPTY, slot_kind};
 @group(0) @binding(12) var<storage, read> states: array<vec4<u32>>;
 @group(0) @binding(13) var<storage, read> old_places: array<vec4<u32>>;
 @group(0) @binding(14) var<storage, read> old_states: array<vec4<u32>>;
-@group(0) @binding(15) var<storage, read_write> moved: array<atomic<u32>>;
+@if(points) @group(0) @binding(15) var<storage, read_write> moved: array<atomic<u32>>;
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -27,7 +29,7 @@ fn main(
     if item >= params.listed { return; }
     let photon = work[params.first_listed + item];
     var first = NOTHING;
-    var elsewhere = 0u;
+    @if(points) var elsewhere = 0u;
     for (var event = unpack_task(tasks[photon]).touched; event < params.max_events; event++) {
         let live = event * params.photons + photon;
         let old = event * params.journal + item;
@@ -36,13 +38,17 @@ fn main(
         // Beyond a photon's end every slot is empty.
         if slot_kind(now) == EMPTY && slot_kind(before) == EMPTY { break; }
         let is_elsewhere = any(places[live] != old_places[old]) || slot_kind(now) != slot_kind(before);
-        if is_elsewhere {
-            atomicOr(&moved[live / 32u], 1u << (live % 32u));
-            elsewhere++;
-        }
         if is_elsewhere || any(now.xy != before.xy) { first = min(first, event); }
+        @if(points) {
+            if is_elsewhere {
+                atomicOr(&moved[live / 32u], 1u << (live % 32u));
+                elsewhere++;
+            }
+        }
+        @if(!points) { if first != NOTHING { break; } }
     }
     tasks[photon] = pack_task(Task(first, NOTHING));
     count(CHANGED, u32(first != NOTHING));
-    count(MOVED, elsewhere);
+    @if(points) count(MOVED, elsewhere);
+    @if(!points) { if first != NOTHING { mark(item); } }
 }

@@ -1,12 +1,12 @@
 // Fluence, the track-length estimator: each flight adds power times length to every
 // cell of the light field that it crosses, as a rounded integer; or, with sign -1,
-// takes exactly that out again. A work item is an event of a listed photon, of the live
-// slots or of the journal; flights before the photon's task are left alone.
+// takes exactly that out again. A work item is an event of a photon, of the live slots or of
+// the journal: of all that are listed, or of the chosen ones, from the slot on that changed.
 
 import package::shared::counter::{DEPOSITS, CLAMPED, UNFINISHED, count, expect, cut_short};
 import package::shared::item::item_index;
 import package::shared::light::emit;
-import package::shared::photon::{PhotonParams, identify, unpack_task};
+import package::shared::photon::{PhotonParams, identify};
 import package::shared::scene::frame;
 import package::shared::slot::{EMPTY, slot_kind, slot_of, unpack_power};
 import package::shared::sum64::rounded;
@@ -15,7 +15,7 @@ import package::constants::GROUP;
 
 @group(0) @binding(8) var<uniform> params: PhotonParams;
 @group(0) @binding(9) var<storage, read> work: array<u32>;
-@group(0) @binding(10) var<storage, read> tasks: array<u32>;
+@group(0) @binding(10) var<storage, read> chosen: array<u32>;
 @group(0) @binding(11) var<storage, read> places: array<vec4<u32>>;
 @group(0) @binding(12) var<storage, read> states: array<vec4<u32>>;
 @group(0) @binding(13) var<storage, read_write> red: array<atomic<u32>>;
@@ -48,9 +48,13 @@ fn main(
     let item = item_index(group, groups, local);
     if item >= params.items { return; }
     let event = (params.first_item + item) / params.listed;
-    let listed = (params.first_item + item) % params.listed;
+    var listed = (params.first_item + item) % params.listed;
+    if params.chosen == 1u {
+        let changed = chosen[listed];
+        if event < changed % params.max_events { return; }
+        listed = changed / params.max_events;
+    }
     let photon = work[params.first_listed + listed];
-    if event < unpack_task(tasks[photon]).touched { return; }
     let live = params.journal == 0u;
     let stride = select(params.journal, params.photons, live);
     let at = event * stride + select(listed, photon, live);

@@ -11,9 +11,8 @@ import package::shared::points::PointsParams;
 @group(0) @binding(11) var<storage, read> point_places: array<vec4<u32>>;
 @group(0) @binding(12) var<storage, read> point_lights: array<vec4<f32>>;
 @group(0) @binding(13) var<storage, read_write> taken_keys: array<u32>;
-@group(0) @binding(14) var<storage, read_write> taken_order: array<u32>;
-@group(0) @binding(15) var<storage, read_write> taken_places: array<vec4<u32>>;
-@group(0) @binding(16) var<storage, read_write> taken_lights: array<vec4<f32>>;
+@group(0) @binding(14) var<storage, read_write> taken_places: array<vec4<u32>>;
+@group(0) @binding(15) var<storage, read_write> taken_lights: array<vec4<f32>>;
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -27,7 +26,6 @@ fn main(
     let at = params.first + i;
     let light = point_lights[point];
     taken_keys[at] = keys[point];
-    taken_order[at] = at;
     taken_places[at] = point_places[point];
     taken_lights[at] = vec4<f32>(light.rgb * params.sign, light.a);
 }

@@ -144,15 +144,15 @@ impl Fluence {
             batch.list_all(gpu, None)?;
         }
         for batch in &map.batches {
-            let bindings = batch.bindings();
-            self.deposit(gpu, scene, (map.params(batch), bindings), counters, progress)?;
+            let slots = (map.params(batch), map.live_bindings(batch));
+            self.deposit(gpu, scene, slots, counters, progress)?;
         }
         self.current = true;
         Ok(())
     }
 
-    /// Adds the flights of the listed photons, or takes them out, as the parameters say:
-    /// of the live slots or of the journal, from each photon's task on.
+    /// Adds the flights of the listed or of the chosen photons, or takes them out, as the
+    /// parameters say: of the live slots or of the journal.
     ///
     /// # Errors
     /// The device failed.

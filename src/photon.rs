@@ -82,8 +82,8 @@ shared_struct! {
         pub roulette_gain: u32,
         /// See `roulette_gain`.
         pub roulette_doublings: i32,
-        /// Keeps the size a multiple of 16.
-        pub pad: u32,
+        /// 1 where it is of the chosen photons of a part only, `listed` of them.
+        pub chosen: u32,
     }
 }
 
@@ -222,13 +222,17 @@ pub struct PhotonMap {
     journal: u32,
     old_places: wgpu::Buffer,
     old_states: wgpu::Buffer,
+    /// Photons of a part that changed, as their first slots that did.
+    chosen: WorkList,
     /// What is told of every batch; `risen` is that of the query that listed last.
     params: PhotonParams,
     trace: Arc<Kernel>,
     weigh: Arc<Kernel>,
     query: Arc<Kernel>,
     copy: Arc<Kernel>,
-    compare: Arc<Kernel>,
+    /// For the fluence, and for points.
+    compare: [Arc<Kernel>; 2],
+    choose: Arc<Kernel>,
     pace: Pace,
 }
 
@@ -263,6 +267,7 @@ impl PhotonMap {
             journal: 0,
             old_places: gpu.buffer::<[u32; 4]>("journal", 0)?,
             old_states: gpu.buffer::<[u32; 4]>("journal", 0)?,
+            chosen: WorkList::new(gpu, 0)?,
             params: PhotonParams {
                 max_events,
                 roulette_from: settings.roulette_from,
@@ -276,7 +281,8 @@ impl PhotonMap {
             weigh: gpu.kernel("weigh", &[])?,
             query: gpu.kernel("photon_query", &[])?,
             copy: gpu.kernel("journal", &[])?,
-            compare: gpu.kernel("compare", &[])?,
+            compare: [gpu.kernel("compare", &[])?, gpu.kernel("compare", &["points"])?],
+            choose: gpu.kernel("chosen", &[])?,
             pace: Pace::new(1 << 14),
         };
         map.arrange(gpu, &scene.lights, ids)?;
@@ -324,6 +330,7 @@ impl PhotonMap {
             let slots = journal as usize * self.max_events as usize;
             self.old_places = gpu.buffer::<[u32; 4]>("journal", slots)?;
             self.old_states = gpu.buffer::<[u32; 4]>("journal", slots)?;
+            self.chosen = WorkList::new(gpu, journal)?;
             self.journal = journal;
         }
         Ok(())
@@ -383,12 +390,22 @@ impl PhotonMap {
         starts.map(|start| start..(start + self.journal).min(count)).collect()
     }
 
-    /// The journal in the place of the live slots, for kernels that read them.
+    /// The live slots, for kernels that read those of the journal, too.
+    pub fn live_bindings<'a>(&'a self, batch: &'a Batch) -> Bindings<'a> {
+        vec![
+            ("places", (&batch.places).into()),
+            ("states", (&batch.states).into()),
+            ("chosen", (&self.chosen.items).into()),
+            ("work", (&batch.list.items).into()),
+        ]
+    }
+
+    /// The journal in their place.
     pub fn journal_bindings<'a>(&'a self, batch: &'a Batch) -> Bindings<'a> {
         vec![
             ("places", (&self.old_places).into()),
             ("states", (&self.old_states).into()),
-            ("tasks", (&batch.tasks).into()),
+            ("chosen", (&self.chosen.items).into()),
             ("work", (&batch.list.items).into()),
         ]
     }
@@ -406,8 +423,8 @@ impl PhotonMap {
         stage.finish()
     }
 
-    /// Finds what differs from the journal: tasks then begin there, and slots that moved are
-    /// marked.
+    /// Finds what differs from the journal: tasks then begin there. For `points` slots that
+    /// moved are marked, for the fluence photons that changed.
     ///
     /// # Errors
     /// The device failed.
@@ -415,16 +432,46 @@ impl PhotonMap {
         &self,
         gpu: &Gpu,
         batch: &Batch,
-        part: &Range<u32>,
+        (part, points): (&Range<u32>, bool),
         counters: &CounterBuffer,
     ) -> Result<()> {
         let params = self.journal_params(batch, part);
         let mut bindings = [batch.bindings(), self.old()].concat();
-        bindings.push(("moved", (&batch.moved).into()));
-        bindings.push(("counters", counters.buffer().into()));
+        bindings.retain(|(name, _)| *name != "marks");
+        bindings.extend([
+            ("marks", (&self.chosen.marks).into()),
+            ("moved", (&batch.moved).into()),
+            ("counters", counters.buffer().into()),
+        ]);
         let mut stage = gpu.stage("compare");
-        stage.dispatch(&self.compare, params.listed.into(), &bindings, &params)?;
+        self.chosen.unmark(&mut stage);
+        let kernel = &self.compare[usize::from(points)];
+        stage.dispatch(kernel, params.listed.into(), &bindings, &params)?;
         stage.finish()
+    }
+
+    /// Chooses the photons of a part that changed; returns what kernels are told about them,
+    /// in the journal.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn choose(&mut self, gpu: &Gpu, batch: usize, part: &Range<u32>) -> Result<PhotonParams> {
+        let batch = &self.batches[batch];
+        let params = self.journal_params(batch, part);
+        let chosen = &mut self.chosen;
+        let bindings = [
+            ("work", (&batch.list.items).into()),
+            ("tasks", (&batch.tasks).into()),
+            ("marks", (&chosen.marks).into()),
+            ("ranks", (&chosen.ranks).into()),
+            ("chosen", (&chosen.items).into()),
+        ];
+        let mut stage = gpu.stage("chosen");
+        chosen.rank(&mut stage)?;
+        stage.dispatch(&self.choose, params.listed.div_ceil(32).into(), &bindings, &params)?;
+        stage.finish()?;
+        chosen.learn_count(gpu)?;
+        Ok(PhotonParams { listed: chosen.count, chosen: 1, ..params })
     }
 
     fn old(&self) -> Bindings<'_> {
@@ -538,7 +585,7 @@ impl PhotonMap {
 
     /// Bytes of the journal.
     pub fn journal_bytes(&self) -> u64 {
-        self.old_places.size() + self.old_states.size()
+        self.old_places.size() + self.old_states.size() + self.chosen.bytes()
     }
 }
 

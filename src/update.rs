@@ -323,7 +323,7 @@ impl PhotonFrame {
         match &self.field {
             LightField::Fluence(fluence) if fluence.current => {
                 let params = PhotonParams { sign: -1, ..self.map.params(batch) };
-                let slots = (params, batch.bindings());
+                let slots = (params, self.map.live_bindings(batch));
                 let silent = &mut Progress::silent();
                 fluence.deposit(gpu, &self.scene, slots, &self.counters, silent)?;
             }
@@ -425,7 +425,7 @@ impl PhotonFrame {
         if let LightField::Fluence(fluence) = &mut self.field {
             fluence.current &= !self.fresh;
         }
-        let (mut seen, before) = (0, self.counts(gpu)?);
+        let (mut seen, mut changed, before) = (0, 0, self.counts(gpu)?);
         let mut moved = before.moved;
         for i in 0..self.map.batches.len() {
             let count = self.map.batches[i].list.count;
@@ -451,34 +451,49 @@ impl PhotonFrame {
                     let again = (batch, part.clone(), true);
                     self.map.trace(gpu, scene, counters, again, progress)?;
                 }
-                self.map.compare(gpu, batch, &part, &self.counters)?;
-                let after = self.counters.read(gpu)?;
-                if let LightField::Fluence(fluence) = &mut self.field
-                    && fluence.current
-                {
-                    // As many of the others will change as of those that were seen.
-                    seen += u64::from(part.end - part.start);
-                    let changed = after.changed - before.changed;
-                    let photons = u64::from(self.scene.lights.photons);
-                    fluence.current = 2 * changed * listed <= photons * seen;
+                let points = matches!(self.field, LightField::Points(_));
+                self.map.compare(gpu, batch, (&part, points), &self.counters)?;
+                match &mut self.field {
+                    LightField::Points(_) => {
+                        let after = self.counters.read(gpu)?.moved;
+                        self.map.batches[i].any_moved |= after > moved;
+                        moved = after;
+                    }
+                    LightField::Fluence(fluence) if fluence.current => {
+                        let chosen = self.map.choose(gpu, i, &part)?;
+                        // As many of the others will change as of those that were seen.
+                        seen += u64::from(part.end - part.start);
+                        changed += u64::from(chosen.listed);
+                        let photons = u64::from(self.scene.lights.photons);
+                        fluence.current = 2 * changed * listed <= photons * seen;
+                        if fluence.current {
+                            self.move_flights(gpu, (i, chosen), progress)?;
+                        }
+                    }
+                    LightField::Fluence(_) => {}
                 }
-                if let LightField::Fluence(fluence) = &self.field
-                    && fluence.current
-                {
-                    let move_flights = |slots, silent: &mut Progress| {
-                        fluence.deposit(gpu, &self.scene, slots, &self.counters, silent)
-                    };
-                    let part = self.map.journal_params(batch, &part);
-                    let old = PhotonParams { sign: -1, ..part };
-                    let new = PhotonParams { journal: 0, ..part };
-                    move_flights((old, self.map.journal_bindings(batch)), progress)?;
-                    move_flights((new, batch.bindings()), progress)?;
-                }
-                self.map.batches[i].any_moved |= after.moved > moved;
-                moved = after.moved;
             }
         }
         Ok(true)
+    }
+
+    /// Takes the old flights of the chosen photons of a batch out of the fluence, and adds the
+    /// new ones.
+    fn move_flights(
+        &self,
+        gpu: &Gpu,
+        (batch, chosen): (usize, PhotonParams),
+        progress: &mut Progress,
+    ) -> Result<()> {
+        let LightField::Fluence(fluence) = &self.field else { return Ok(()) };
+        let batch = &self.map.batches[batch];
+        let old = PhotonParams { sign: -1, ..chosen };
+        let new = PhotonParams { journal: 0, ..chosen };
+        for slots in [(old, self.map.journal_bindings(batch)), (new, self.map.live_bindings(batch))]
+        {
+            fluence.deposit(gpu, &self.scene, slots, &self.counters, progress)?;
+        }
+        Ok(())
     }
 
     /// Brings the light field up to date, and marks where light changed. Returns how many

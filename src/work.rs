@@ -103,6 +103,16 @@ impl WorkList {
         fill(gpu, "list", &self.marks, &[u32::MAX])
     }
 
+    /// Reads how many are marked, the words being ranked.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn learn_count(&mut self, gpu: &Gpu) -> Result<()> {
+        let words = self.capacity.div_ceil(32);
+        self.count = gpu.read_word("list", &self.ranks, words.into())?;
+        Ok(())
+    }
+
     /// Ranks the words of marks.
     ///
     /// # Errors
@@ -131,7 +141,7 @@ impl WorkList {
         let params = ListParams { count: self.capacity };
         stage.dispatch(&self.list, words.into(), &bindings, &params)?;
         stage.finish()?;
-        self.count = gpu.read_word("list", &self.ranks, words.into())?;
+        self.learn_count(gpu)?;
         if shuffle.is_some() {
             let mut items = gpu.read::<u32>("list", &self.items)?;
             items.truncate(self.count as usize);

@@ -30,7 +30,7 @@ struct PhotonParams {
     relit: u32,            // 1: the light's power changed
     roulette_gain: u32,    // 1 / roulette_survival: this / 2^18 * 2^doublings
     roulette_doublings: i32,
-    pad: u32,
+    chosen: u32,           // 1: of the part only the chosen photons
 }
 
 // What is to be done with a photon: from `touched` on its power is found again; from

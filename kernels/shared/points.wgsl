@@ -13,7 +13,7 @@ struct PointsParams {
     kernel: f32,           // 1 / (4/3 pi r^3)
     first: u32,            // place of the first that is taken; of merged ones, how many are kept
     sign: f32,             // -1: what is taken has gone
-    step: u32,             // buckets from one that is looked for to the next
+    step: u32,             // buckets from one that is looked for to the next; 0: far apart
     all: u32,              // 1: of all slots, not of those that moved
     changed: vec2<u32>,    // bins whose extinction changed since
     pad: vec2<u32>,

@@ -13,8 +13,15 @@ use crate::render::{Progress, Split};
 use crate::scene::{Estimator, LightKind, Scene};
 use crate::update::Updated;
 
-const SCENES: [(&str, Estimator); 2] =
-    [("hand", Estimator::Points), ("kidneys", Estimator::Points)];
+const SCENES: [(&str, Estimator); 7] = [
+    ("hand", Estimator::Fluence),
+    ("cornell", Estimator::Fluence),
+    ("engine", Estimator::Fluence),
+    ("torso", Estimator::Fluence),
+    ("kidneys", Estimator::Fluence),
+    ("hand", Estimator::Points),
+    ("kidneys", Estimator::Points),
+];
 
 /// A stage's kernels and what it visits. Of points those that went out of the light field and
 /// those that came into it count, as deposits do; in a full rebuild all come.
@@ -23,7 +30,7 @@ type Stage = (&'static str, &'static [&'static str], fn(&Updated) -> u64);
 const STAGES: [Stage; 4] = [
     (
         "trace",
-        &["trace", "weigh", "photon_query", "journal", "compare", "list_rank", "list"],
+        &["trace", "weigh", "photon_query", "journal", "compare", "chosen", "list_rank", "list"],
         |u| u.counts.steps + u.counts.tentative,
     ),
     ("deposit", &["deposit", "resolve"], |u| u.counts.deposits),
@@ -42,6 +49,7 @@ const STAGES: [Stage; 4] = [
             "points_starts",
             "points_dirty",
             "points_take",
+            "points_join",
             "points_arrange",
         ],
         |u| u.points,

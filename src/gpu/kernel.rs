@@ -31,7 +31,8 @@ pub const KERNELS: &[(&str, &[&str])] = &[
     ("fill", &[]),
     ("journal", &[]),
     ("weigh", &[]),
-    ("compare", &[]),
+    ("compare", &["points"]),
+    ("chosen", &[]),
     ("deposit", &[]),
     ("resolve", &[]),
     ("points_mark", &[]),
@@ -44,6 +45,7 @@ pub const KERNELS: &[(&str, &[&str])] = &[
     ("points_starts", &[]),
     ("points_dirty", &[]),
     ("points_take", &[]),
+    ("points_join", &[]),
     ("points_arrange", &["twos", "fours"]),
     (
         "segment",

@@ -1,6 +1,6 @@
 //! What a build of the points changed, for segments to correct their sums by.
 //!
-//! Points that went, with negative light, and points that came are listed, sorted together,
+//! Points that went, with negative light, and points that came are listed, joined in one order,
 //! and gathered as any others are. Where they are many, segments gather all points anew.
 
 use super::{Part, Points, PointsParams, Sorted};
@@ -8,7 +8,6 @@ use crate::counter::CounterBuffer;
 use crate::dirty::Dirty;
 use crate::error::Result;
 use crate::gpu::Gpu;
-use crate::gpu::sort::Sorter;
 use crate::work::WorkList;
 
 /// What differs from what the segments have seen.
@@ -118,37 +117,41 @@ impl Points {
         }
     }
 
-    /// All listed points, sorted together.
+    /// All listed points together, in the order of their keys.
     fn taken(&self, gpu: &Gpu, listed: &[Listed], total: u32) -> Result<Sorted> {
-        let order = gpu.buffer::<u32>("points slots", total as usize)?;
-        let keys = gpu.buffer::<u32>("points keys", total as usize)?;
-        let sorted = Sorted::new(gpu, keys, total, &self.params)?;
+        let words = |stage: &'static str| gpu.buffer::<u32>(stage, total as usize);
+        let keys = words("points keys")?;
         let places = gpu.buffer::<[u32; 4]>("point places", total as usize)?;
         let lights = gpu.buffer::<[f32; 4]>("point lights", total as usize)?;
-        let mut first = 0;
-        for (moved, list) in listed {
+        let mut lists = vec![0];
+        for (moved, list) in listed.iter().filter(|(_, list)| list.count > 0) {
             let bindings = [
                 ("work", (&list.items).into()),
                 ("keys", (&moved.keys).into()),
                 ("point_places", (&moved.places).into()),
                 ("point_lights", (&moved.lights).into()),
-                ("taken_keys", (&sorted.keys).into()),
-                ("taken_order", (&order).into()),
+                ("taken_keys", (&keys).into()),
                 ("taken_places", (&places).into()),
                 ("taken_lights", (&lights).into()),
             ];
+            let first = lists[lists.len() - 1];
             let params = PointsParams { first, sign: moved.sign, ..self.params(list.count) };
-            first += list.count;
             let mut stage = gpu.stage("points_take");
             stage.dispatch(&self.take, list.count.into(), &bindings, &params)?;
             stage.finish()?;
+            lists.push(first + list.count);
         }
-        Sorter::new(gpu, total)?.sort(gpu, &sorted.keys, &order, total, self.key_bits)?;
-        let mut stage = gpu.stage("points_arrange");
-        for (taken, sorted) in [(&places, &sorted.places), (&lights, &sorted.lights)] {
-            let buffers = [taken, taken, sorted];
-            self.arrange(&mut stage, &self.arrange[2], (&order, total), buffers)?;
-        }
+        let lists = gpu.upload("points lists", &lists)?;
+        let sorted = Sorted::new(gpu, words("points keys")?, total, &self.params)?;
+        let mut bindings = sorted.bindings();
+        bindings.extend([
+            ("lists", (&lists).into()),
+            ("taken_keys", (&keys).into()),
+            ("taken_places", (&places).into()),
+            ("taken_lights", (&lights).into()),
+        ]);
+        let mut stage = gpu.stage("points_join");
+        stage.dispatch(&self.join, total.into(), &bindings, &self.params(total))?;
         self.find(&mut stage, &sorted)?;
         stage.finish()?;
         Ok(sorted)

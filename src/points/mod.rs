@@ -34,8 +34,8 @@ use changes::{Changes, Moved};
 const MAX_BUCKETS: u64 = 1 << 22;
 /// Points of which a work group finds means.
 pub const MEAN_BLOCK: u32 = 512;
-/// Buckets that are so far apart are looked for among all points, the others between them.
-pub const BUCKET_STEP: u32 = 256;
+/// Between two buckets that are known so many less one are looked for next.
+pub const BUCKET_STEP: u32 = 16;
 
 shared_struct! {
     /// The geometry of the hash, as every kernel that touches it is told.
@@ -56,7 +56,7 @@ shared_struct! {
         pub first: u32,
         /// -1 where what is taken has gone.
         pub sign: f32,
-        /// Buckets from one whose begin is looked for to the next.
+        /// Buckets from one whose begin is looked for to the next; 0: far apart, among all.
         pub step: u32,
         /// 1 where it is of all slots, or of all points; 0 where of those that moved, or stay.
         pub all: u32,
@@ -184,6 +184,7 @@ pub struct Points {
     starts: Arc<Kernel>,
     dirty: Arc<Kernel>,
     take: Arc<Kernel>,
+    join: Arc<Kernel>,
     /// Of words, of two and of four of them.
     arrange: [Arc<Kernel>; 3],
 }
@@ -242,6 +243,7 @@ impl Points {
             starts: gpu.kernel("points_starts", &[])?,
             dirty: gpu.kernel("points_dirty", &[])?,
             take: gpu.kernel("points_take", &[])?,
+            join: gpu.kernel("points_join", &[])?,
             arrange: [
                 gpu.kernel("points_arrange", &[])?,
                 gpu.kernel("points_arrange", &["twos"])?,
@@ -326,7 +328,7 @@ impl Points {
             key: (batch.light_id, batch.first_index),
             photons: batch.photons,
             all_slots,
-            part: self.part(gpu, scene, batch, &live)?,
+            part: self.part(gpu, scene, batch, (&live, self.params.buckets))?,
         })
     }
 
@@ -352,7 +354,7 @@ impl Points {
             return Ok(now);
         }
         self.moved.extend(self.refresh(gpu, scene, batch, (&own.part, Some(&kept)))?);
-        let new = self.part(gpu, scene, batch, &new)?;
+        let new = self.part(gpu, scene, batch, (&new, 0))?;
         self.moved.push(Moved::all(&new, 1.0));
         own.part = self.merged(gpu, (&own.part, &kept), &new)?;
         Ok(own)
@@ -401,8 +403,14 @@ impl Points {
         Ok(kept)
     }
 
-    /// The listed slots, sorted.
-    fn part(&self, gpu: &Gpu, scene: &DeviceScene, batch: &Batch, list: &WorkList) -> Result<Part> {
+    /// The listed slots, sorted; in so many buckets, or in none if nobody gathers them.
+    fn part(
+        &self,
+        gpu: &Gpu,
+        scene: &DeviceScene,
+        batch: &Batch,
+        (list, buckets): (&WorkList, u32),
+    ) -> Result<Part> {
         let count = list.count;
         let words = |stage: &'static str| gpu.buffer::<u32>(stage, count as usize);
         let (keys, slots) = (words("points keys")?, words("points slots")?);
@@ -412,7 +420,7 @@ impl Points {
             ("keys", (&keys).into()),
             ("slots", (&slots).into()),
         ];
-        let params = self.params(count);
+        let params = PointsParams { buckets, ..self.params(count) };
         let mut stage = gpu.stage("points_key");
         stage.dispatch(&self.key, count.into(), &bindings, &params)?;
         stage.finish()?;
@@ -421,7 +429,9 @@ impl Points {
         let mut stage = gpu.stage("points_starts");
         let places = [&batch.places, &batch.places, &points.places];
         self.arrange(&mut stage, &self.arrange[2], (&slots, count), places)?;
-        self.find(&mut stage, &points)?;
+        if buckets > 0 {
+            self.find(&mut stage, &points)?;
+        }
         stage.finish()?;
         let [means, mean_histories] = self.means(gpu, count)?;
         let part = Part { points, slots, means, mean_histories };
@@ -541,9 +551,10 @@ impl Points {
 
     /// Records where each bucket begins.
     fn find(&self, stage: &mut Stage, points: &Sorted) -> Result<()> {
-        for step in [BUCKET_STEP, 1] {
+        for step in [0, BUCKET_STEP, 1] {
             let params = PointsParams { step, ..self.params(points.count) };
-            let threads = u64::from(params.buckets / step) + 1;
+            let known = if step == 0 { BUCKET_STEP } else { step } * BUCKET_STEP;
+            let threads = u64::from(params.buckets / known) + 1;
             stage.dispatch(&self.starts, threads, &points.bindings(), &params)?;
         }
         Ok(())

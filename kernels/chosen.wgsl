@@ -1,0 +1,31 @@
+// The first slots that changed of the photons of a part that did, side by side: the photon's
+// place in the part times `max_events`, plus the event. A thread for each word of marks;
+// `ranks` is the prefix sum of how many each has.
+
+import package::constants::GROUP;
+import package::shared::item::item_index;
+import package::shared::marks::marked;
+import package::shared::photon::{PhotonParams, unpack_task};
+
+@group(0) @binding(8) var<uniform> params: PhotonParams;
+@group(0) @binding(9) var<storage, read> work: array<u32>;
+@group(0) @binding(10) var<storage, read> tasks: array<u32>;
+@group(0) @binding(11) var<storage, read> ranks: array<u32>;
+@group(0) @binding(12) var<storage, read_write> chosen: array<u32>;
+
+@compute @workgroup_size(GROUP)
+fn main(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let word = item_index(group, groups, local);
+    if 32u * word >= params.listed { return; }
+    var bits = marked(word, params.listed);
+    for (var at = ranks[word]; bits != 0u; at++) {
+        let item = 32u * word + firstTrailingBit(bits);
+        let photon = work[params.first_listed + item];
+        chosen[at] = item * params.max_events + unpack_task(tasks[photon]).touched;
+        bits &= bits - 1u;
+    }
+}
