@@ -50,7 +50,7 @@ fn main(
     var colour = vec3<f32>(0.0);
     var through = 1.0;
     for (var s = 0u; s < params.segments; s++) {
-        let at = WORDS * (pixel * params.segments + s);
+        let at = WORDS * (s * params.pixels + pixel);
         colour += through * light_of(at);
         through *= bitcast<f32>(segment_words[at + TRANSMITTANCE]);
     }

@@ -3,6 +3,12 @@
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 
+/// Parts in which each counter is summed on the device.
+pub const COUNTER_STRIPES: u32 = 256;
+
+/// Words of all counters there.
+const WORDS: usize = size_of::<Counters>() / 4 * COUNTER_STRIPES as usize;
+
 /// Counts of one pass, read back from the device: 64-bit, so that none wraps unseen.
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, bytemuck::Pod, bytemuck::Zeroable,
@@ -94,7 +100,7 @@ impl CounterBuffer {
     /// # Errors
     /// The device refuses.
     pub fn new(gpu: &Gpu) -> Result<Self> {
-        let counters = || gpu.buffer::<Counters>("counters", 1);
+        let counters = || gpu.buffer::<u32>("counters", WORDS);
         Ok(Self { counters: counters()?, saved: counters()? })
     }
 
@@ -104,8 +110,13 @@ impl CounterBuffer {
     }
 
     /// Sets them to zero.
-    pub fn clear(&self, gpu: &Gpu) {
-        gpu.write(&self.counters, &[Counters::default()]);
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn clear(&self, gpu: &Gpu) -> Result<()> {
+        let mut stage = gpu.stage("counters");
+        stage.clear(&self.counters);
+        stage.finish()
     }
 
     /// Notes what they are, before work that may have to be done again.
@@ -133,6 +144,15 @@ impl CounterBuffer {
     /// # Errors
     /// The device failed.
     pub fn read(&self, gpu: &Gpu) -> Result<Counters> {
-        Ok(gpu.read::<Counters>("counters", &self.counters)?[0])
+        let words = gpu.read::<u32>("counters", &self.counters)?;
+        let sum = |part: &[u32]| part.iter().map(|&word| u64::from(word)).sum::<u64>();
+        let sums = words.chunks_exact(2 * COUNTER_STRIPES as usize).map(|counter| {
+            let (low, high) = counter.split_at(COUNTER_STRIPES as usize);
+            sum(low).wrapping_add(sum(high) << 32)
+        });
+        let mut counters = Counters::default();
+        let all = bytemuck::cast_slice_mut::<_, u64>(std::slice::from_mut(&mut counters));
+        all.iter_mut().zip(sums).for_each(|(counter, sum)| *counter = sum);
+        Ok(counters)
     }
 }

@@ -89,6 +89,10 @@ pub struct DeviceScene {
     pub lights: Lights,
     /// What blocks of voxels can look like.
     pub cells: MacroCells,
+    /// The history bits of all values that each of them can produce.
+    cell_values: Vec<u64>,
+    /// Layers that edits in progress have opened, by table entry.
+    opened: Vec<u8>,
     range: [f64; 2],
     nearest: bool,
     float_voxels: bool,
@@ -144,7 +148,10 @@ impl DeviceScene {
             mark_classes: bins.mark_classes,
             pad: 0,
         };
-        let columns = Columns::of(&table, &bins, &cells, &frame, &Query::default());
+        let query = Query::default();
+        let columns = Columns::of(&table, &bins, &query);
+        let cell_values = cells.fold(|e| bins.tentative_bit(e, 0), |a, b| a | b);
+        let layers = layers((&table, &bins, &query), (&cells, &cell_values), frame.majorant);
         let (volume_view, volume_bytes) = upload_volume(gpu, volume)?;
         Ok(Self {
             frame_buffer: gpu.upload("frame", &[frame])?,
@@ -152,7 +159,7 @@ impl DeviceScene {
             scattering: gpu.upload("scattering", &columns.scattering)?,
             emission: gpu.upload("emission", &columns.emission)?,
             cell_masks: gpu.upload("cell masks", &cells.masks(&bins))?,
-            cell_layers: gpu.upload("cell layers", &columns.layers)?,
+            cell_layers: gpu.upload("cell layers", &layers)?,
             lights_buffer: gpu.upload("lights", &[lights])?,
             volume: volume_view,
             volume_bytes,
@@ -167,6 +174,8 @@ impl DeviceScene {
             bins,
             lights,
             cells,
+            cell_values,
+            opened: query.opened,
         })
     }
 
@@ -179,12 +188,17 @@ impl DeviceScene {
     /// edits before it changed that are not yet applied.
     pub fn edit(&mut self, gpu: &Gpu, table: Table, lights: Lights, query: &Query) {
         self.frame.visible_bins = words(table.opaque_mask(&self.bins));
-        let columns = Columns::of(&table, &self.bins, &self.cells, &self.frame, query);
+        let columns = Columns::of(&table, &self.bins, query);
+        if (&table.extinction, &query.opened) != (&self.table.extinction, &self.opened) {
+            let cells = (&self.cells, self.cell_values.as_slice());
+            let layers = layers((&table, &self.bins, query), cells, self.frame.majorant);
+            gpu.write(&self.cell_layers, &layers);
+            self.opened.clone_from(&query.opened);
+        }
         gpu.write(&self.frame_buffer, &[self.frame]);
         gpu.write(&self.optics, &columns.optics);
         gpu.write(&self.scattering, &columns.scattering);
         gpu.write(&self.emission, &columns.emission);
-        gpu.write(&self.cell_layers, &columns.layers);
         gpu.write(&self.lights_buffer, &[lights]);
         (self.table, self.lights) = (table, lights);
     }
@@ -237,16 +251,15 @@ fn specialisation(table: &Table) -> [bool; 2] {
     [!table.is_isotropic(), table.emission.iter().any(|e| *e != [0.0; 3])]
 }
 
-/// The table and what follows from it, as the kernels see it.
+/// The table as the kernels see it.
 struct Columns {
     optics: Vec<Optics>,
     scattering: Vec<[f32; 4]>,
     emission: Vec<[f32; 4]>,
-    layers: Vec<CellLayers>,
 }
 
 impl Columns {
-    fn of(table: &Table, bins: &Bins, cells: &MacroCells, frame: &Frame, query: &Query) -> Self {
+    fn of(table: &Table, bins: &Bins, query: &Query) -> Self {
         let optics = |e: usize| Optics {
             extinction: table.extinction[e],
             bin: bins.bin_of_entry[e],
@@ -256,21 +269,28 @@ impl Columns {
             let [r, g, b] = table.albedo(e);
             [r, g, b, table.phase_g[e]]
         };
-        let opened = cells.fold(|e| u32::from(query.opened[e]), |a, b| a | b);
-        let values = cells.fold(|e| bins.tentative_bit(e, 0), |a, b| a | b);
-        let layers = |((greatest, opened), values)| {
-            let first = first_layer(greatest, frame.majorant);
-            let skipped = (0..first).fold(0, |mask, layer| mask | bins.with_mark(values, layer));
-            CellLayers { first, opened, skipped: words(skipped) }
-        };
-        let all = cells.majorants(table, 0.0).into_iter().zip(opened).zip(values);
         Self {
             optics: (0..TABLE_ENTRIES).map(optics).collect(),
             scattering: (0..TABLE_ENTRIES).map(scattering).collect(),
             emission: table.emission.iter().map(|&[r, g, b]| [r, g, b, 0.0]).collect(),
-            layers: all.map(layers).collect(),
         }
     }
+}
+
+/// The layers of marks in each macro-cell.
+fn layers(
+    (table, bins, query): (&Table, &Bins, &Query),
+    (cells, values): (&MacroCells, &[u64]),
+    majorant: f32,
+) -> Vec<CellLayers> {
+    let of = |e: usize| (table.extinction[e], query.opened[e]);
+    let join = |a: (f32, u8), b: (f32, u8)| (a.0.max(b.0), a.1 | b.1);
+    let layers = |((greatest, opened), &values)| {
+        let first = first_layer(greatest, majorant);
+        let skipped = (0..first).fold(0, |mask, layer| mask | bins.with_mark(values, layer));
+        CellLayers { first, opened: u32::from(opened), skipped: words(skipped) }
+    };
+    cells.fold(of, join).into_iter().zip(values).map(layers).collect()
 }
 
 /// The two words that a kernel sees of a history mask.

@@ -100,7 +100,7 @@ impl Reference {
         // Few at a time, fewer still where the driver ends the loops of a long path.
         for each in [SAMPLES_AT_ONCE, 1] {
             self.path.first_sample = first;
-            self.counters.clear(gpu);
+            self.counters.clear(gpu)?;
             gpu.write::<[f32; 4]>(&self.means, &film.0);
             gpu.write::<[f32; 4]>(&self.deviations, &film.1);
             self.add_in_steps(gpu, device, samples, each, progress)?;

@@ -66,12 +66,12 @@ shared_struct! {
         pub query: [u32; 2],
         /// Words of a segment.
         pub stride: u32,
+        /// Pixels of the band.
+        pub pixels: u32,
         /// Keeps the size a multiple of 16.
         pub pad0: u32,
         /// The same.
         pub pad1: u32,
-        /// The same.
-        pub pad2: u32,
     }
 }
 
@@ -387,9 +387,11 @@ impl SegmentMap {
         split: &Split,
     ) -> Result<()> {
         let band = &mut self.bands[band];
-        let items = band.rows * self.params.width * self.params.segments;
+        let pixels = band.rows * self.params.width;
+        let items = pixels * self.params.segments;
         let params = SegmentParams {
             first_row: band.first_row,
+            pixels,
             items,
             strata: self.strata,
             query: words(query),
@@ -485,6 +487,7 @@ impl SegmentMap {
             for part in 0..parts {
                 let params = SegmentParams {
                     first_row: band.first_row,
+                    pixels: band.rows * self.params.width,
                     strata: self.strata,
                     ray,
                     begins: begins * u32::from(i == 0 && part == 0),
@@ -544,11 +547,13 @@ impl SegmentMap {
         let mut all = Vec::new();
         for band in &self.bands {
             let words = gpu.read::<u32>("segments", &band.segments)?;
-            all.extend(words.chunks_exact(stride).map(|segment| {
-                let mut words = Segment::default();
-                words[..stride].copy_from_slice(segment);
-                words
-            }));
+            let (pixels, layers) = (band.rows * self.params.width, self.params.segments);
+            for (pixel, layer) in (0..pixels).flat_map(|p| (0..layers).map(move |l| (p, l))) {
+                let at = stride * (layer * pixels + pixel) as usize;
+                let mut segment = Segment::default();
+                segment[..stride].copy_from_slice(&words[at..at + stride]);
+                all.push(segment);
+            }
         }
         Ok(all)
     }

@@ -226,7 +226,7 @@ impl PhotonFrame {
         }
         let (field, estimator, dirty) = light_field(gpu, &self.scene, settings)?;
         let segments = SegmentMap::new(gpu, &scene, &self.scene, &field, settings.rays, split)?;
-        self.counters.clear(gpu);
+        self.counters.clear(gpu)?;
         self.source = scene;
         (self.field, self.estimator, self.dirty) = (field, estimator, dirty);
         (self.segments, self.pending) = (segments, true);
@@ -240,7 +240,7 @@ impl PhotonFrame {
         (table, lights): (crate::transfer::Table, Lights),
         split: &Split,
     ) -> Result<Scope> {
-        self.counters.clear(gpu);
+        self.counters.clear(gpu)?;
         let suits = self.scene.suits(&table);
         let change =
             Query::between(&self.scene.table, &table, &self.scene.bins, self.scene.frame.majorant);
@@ -364,7 +364,7 @@ impl PhotonFrame {
         let rebuilds = self.pending && self.fresh;
         if self.pending {
             if rebuilds {
-                self.counters.clear(gpu);
+                self.counters.clear(gpu)?;
                 // An edit may have failed before every light had its batches.
                 self.map.arrange(gpu, &self.scene.lights, &light_ids(&self.source))?;
                 self.restart();

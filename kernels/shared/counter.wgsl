@@ -1,5 +1,9 @@
-// Counters that the host reads back: 64-bit sums, low word first. The order is that
-// of `Counters` in src/counter.rs.
+// Counters that the host reads back, in the order of `Counters` in src/counter.rs: 64-bit
+// sums, each in COUNTER_STRIPES parts, all low words first. Threads side by side count in
+// parts side by side: where all count in one word, a GPU has them wait for each other.
+
+import package::constants::COUNTER_STRIPES;
+import package::shared::item::thread;
 
 const TENTATIVE: u32 = 0u;     // tentative collisions
 const INTERACTIONS: u32 = 1u;  // photon interactions stored
@@ -20,8 +24,9 @@ const MOVED: u32 = 13u;        // slots that came, went or are elsewhere
 
 fn count(which: u32, amount: u32) {
     if amount == 0u { return; }
-    let low = atomicAdd(&counters[2u * which], amount);
-    if low + amount < low { atomicAdd(&counters[2u * which + 1u], 1u); }
+    let part = 2u * which * COUNTER_STRIPES + thread % COUNTER_STRIPES;
+    let low = atomicAdd(&counters[part], amount);
+    if low + amount < low { atomicAdd(&counters[part + COUNTER_STRIPES], 1u); }
 }
 
 // Some drivers end a thread's loops without a word (Mesa's software adapter after 65 535

@@ -25,9 +25,9 @@ struct SegmentParams {
     which: u32,             // segments that are listed: LIST_READ, LIST_LIT
     query: vec2<u32>,       // bins of the entries that an edit changed
     stride: u32,            // words of a segment
+    pixels: u32,            // of the band
     pad0: u32,
     pad1: u32,
-    pad2: u32,
 }
 
 // Words of a segment beside its light: those are words 0 to 2, and 6 and 7 where they are
@@ -55,10 +55,12 @@ fn camera_ray(params: SegmentParams, pixel: vec2<u32>) -> Line {
     return line(params.origin, normalize(params.corner + at.x * params.right + at.y * params.down));
 }
 
+// The segments of a band lie layer upon layer: neighbours look at much the same, and threads
+// side by side take about as long.
 fn span_of(params: SegmentParams, task: u32) -> Span {
-    let pixel = task / params.segments;
+    let pixel = task % params.pixels;
     let at = vec2<u32>(pixel % params.width, params.first_row + pixel / params.width);
     let ray = camera_ray(params, at);
     let reach = inside(ray, frame.extent);
-    return Span(ray, reach.x, max(reach.y, reach.x), task % params.segments);
+    return Span(ray, reach.x, max(reach.y, reach.x), task / params.pixels);
 }

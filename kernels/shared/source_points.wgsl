@@ -57,32 +57,50 @@ fn with_point(i: u32, q: Query, so_far: Gathered) -> Gathered {
     );
 }
 
+// Rows of cells around a point.
+const ROWS: u32 = 9u;
+
 fn gather(
     params: SegmentParams, point: vec3<f32>, entry: u32, weight: f32, toward: vec3<f32>, so_far: Gathered,
 ) -> Gathered {
     var sum = so_far;
     let cell = points_cell(point, field);
-    let low = max(cell - 1, vec3<i32>(0));
-    let high = min(cell + 1, vec3<i32>(field.grid) - 1);
-    var z = low.z;
-    for (; z <= high.z; z++) {
-        var y = low.y;
-        for (; y <= high.y; y++) {
-            let first = points_key(vec3<i32>(low.x, y, z), field) >> field.shift;
-            let last = points_key(vec3<i32>(high.x, y, z), field) >> field.shift;
-            let q = Query(point, weight, toward, min(starts[last + 1u], params.points_end));
-            var i = max(starts[first], params.points_begin);
-            sum.tested += max(q.end, i) - i;
-            for (; i < q.end; i += AT_ONCE) {
-                sum = with_point(i, q, sum);
-                sum = with_point(i + 1u, q, sum);
-                sum = with_point(i + 2u, q, sum);
-                sum = with_point(i + 3u, q, sum);
-            }
-            expect(i >= q.end);
+    let low = max(cell.x - 1, 0);
+    let high = min(cell.x + 1, i32(field.grid.x) - 1);
+    // Where the points of each row are, all asked for before any is looked at.
+    var begins: array<u32, ROWS>;
+    var ends: array<u32, ROWS>;
+    var rows = 0u;
+    for (var n = 0u; n < ROWS; n++) {
+        let row = cell.yz + vec2<i32>(vec2<u32>(n % 3u, n / 3u)) - 1;
+        if any(row < vec2<i32>(0)) || any(row >= vec2<i32>(field.grid.yz)) { continue; }
+        let first = points_key(vec3<i32>(low, row), field) >> field.shift;
+        let last = points_key(vec3<i32>(high, row), field) >> field.shift;
+        let begin = max(starts[first], params.points_begin);
+        let end = min(starts[last + 1u], params.points_end);
+        if begin < end {
+            begins[rows] = begin;
+            ends[rows] = end;
+            rows++;
+            sum.tested += end - begin;
         }
-        expect(y > high.y);
     }
-    expect(z > high.z);
+    // One loop over all of them: threads side by side that find fewer here find more there.
+    var q = Query(point, weight, toward, 0u);
+    var i = 0u;
+    var row = 0u;
+    while i < q.end || row < rows {
+        if i >= q.end {
+            i = begins[row];
+            q.end = ends[row];
+            row++;
+        }
+        sum = with_point(i, q, sum);
+        sum = with_point(i + 1u, q, sum);
+        sum = with_point(i + 2u, q, sum);
+        sum = with_point(i + 3u, q, sum);
+        i += AT_ONCE;
+    }
+    expect(i >= q.end && row == rows);
     return sum;
 }

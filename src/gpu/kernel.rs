@@ -139,6 +139,7 @@ fn constants_module() -> String {
         ("LIGHT_DIRECTIONAL", crate::light::LIGHT_DIRECTIONAL),
         ("LIGHT_RECTANGLE", crate::light::LIGHT_RECTANGLE),
         ("LIGHT_SURROUNDINGS", crate::light::LIGHT_SURROUNDINGS),
+        ("COUNTER_STRIPES", crate::counter::COUNTER_STRIPES),
         ("LAYERS", crate::frame::LAYERS),
         ("CHANGE_FALLEN", crate::query::CHANGE_FALLEN),
         ("CHANGE_PHASE", crate::query::CHANGE_PHASE),

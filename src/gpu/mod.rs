@@ -9,6 +9,7 @@ pub mod layout;
 pub mod run;
 pub mod scan;
 pub mod sort;
+mod uniforms;
 
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -20,6 +21,7 @@ use wgpu::util::DeviceExt;
 use crate::error::{Error, Result};
 use kernel::Kernel;
 use run::{Clock, Timings};
+use uniforms::Uniforms;
 
 /// Threads of a work group, in every kernel that works item by item.
 pub const GROUP: u32 = 64;
@@ -93,9 +95,24 @@ pub struct Gpu {
     timings: Mutex<Timings>,
     clock: Mutex<Clock>,
     /// What was recorded and waits to be submitted.
-    recorded: Mutex<Vec<wgpu::CommandBuffer>>,
+    recorded: Mutex<Recorded>,
+    uniforms: Mutex<Option<Arc<Uniforms>>>,
+    /// Buffers of [`SHORT`] bytes that are read through.
+    staging: Mutex<Vec<wgpu::Buffer>>,
     slice_budget: Duration,
 }
+
+/// What waits to be submitted.
+#[derive(Default)]
+struct Recorded {
+    work: Vec<wgpu::CommandBuffer>,
+    /// What it is told.
+    uniforms: Vec<Arc<Uniforms>>,
+    dispatches: u32,
+}
+
+/// Dispatches that are submitted without anybody waiting.
+const DISPATCHES_AT_ONCE: u32 = 16;
 
 /// Work that another thread left half-done is still data: a poisoned lock is entered.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -224,6 +241,8 @@ impl Gpu {
             timings: Mutex::default(),
             clock: Mutex::default(),
             recorded: Mutex::default(),
+            uniforms: Mutex::default(),
+            staging: Mutex::default(),
             slice_budget: Duration::from_millis(100),
         }
     }
@@ -313,12 +332,7 @@ impl Gpu {
     /// # Errors
     /// The device failed.
     pub fn read<T: bytemuck::Pod>(&self, stage: &str, buffer: &wgpu::Buffer) -> Result<Vec<T>> {
-        let size = buffer.size();
-        let staging = self.staging(stage, size);
-        let mut encoder = self.device.create_command_encoder(&Default::default());
-        encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, size);
-        self.record(encoder.finish());
-        self.map_and_copy(stage, &staging)
+        self.fetch(stage, buffer, 0, buffer.size())
     }
 
     /// One 32-bit word of a buffer.
@@ -326,51 +340,74 @@ impl Gpu {
     /// # Errors
     /// The device failed.
     pub fn read_word(&self, stage: &str, buffer: &wgpu::Buffer, index: u64) -> Result<u32> {
-        let staging = self.staging(stage, 4);
-        let mut encoder = self.device.create_command_encoder(&Default::default());
-        encoder.copy_buffer_to_buffer(buffer, 4 * index, &staging, 0, 4);
-        self.record(encoder.finish());
-        self.map_and_copy(stage, &staging).map(|words| words[0])
+        self.fetch(stage, buffer, 4 * index, 4).map(|words| words[0])
     }
 
-    fn staging(&self, stage: &str, size: u64) -> wgpu::Buffer {
-        self.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some(stage),
-            size,
-            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
-            mapped_at_creation: false,
-        })
-    }
-
-    /// Waits for a staging buffer and copies it out.
-    pub(crate) fn map_and_copy<T: bytemuck::Pod>(
+    /// Copies so many bytes of a buffer, all work on it being done.
+    fn fetch<T: bytemuck::Pod>(
         &self,
         stage: &str,
-        staging: &wgpu::Buffer,
+        buffer: &wgpu::Buffer,
+        offset: u64,
+        bytes: u64,
     ) -> Result<Vec<T>> {
+        // Short readings are many, and a new buffer for each takes longer than the copy.
+        let is_short = bytes <= SHORT;
+        let spare = if is_short { lock(&self.staging).pop() } else { None };
+        let staging = spare.unwrap_or_else(|| {
+            self.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(stage),
+                size: if is_short { SHORT } else { bytes },
+                usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+                mapped_at_creation: false,
+            })
+        });
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        encoder.copy_buffer_to_buffer(buffer, offset, &staging, 0, bytes);
+        self.record(encoder.finish(), Vec::new(), 0);
         self.submit();
         // Whatever the callback would say, the mapping below says again.
-        staging.map_async(wgpu::MapMode::Read, .., |_| {});
+        staging.map_async(wgpu::MapMode::Read, ..bytes, |_| {});
         self.wait(stage)?;
-        let view = staging.get_mapped_range(..).map_err(|e| Error::device(stage, e.to_string()))?;
+        let view =
+            staging.get_mapped_range(..bytes).map_err(|e| Error::device(stage, e.to_string()))?;
         let mut copy = vec![T::zeroed(); view.len() / size_of::<T>()];
-        let bytes = size_of_val(copy.as_slice());
-        bytemuck::cast_slice_mut(&mut copy).copy_from_slice(&view[..bytes]);
+        let length = size_of_val(copy.as_slice());
+        bytemuck::cast_slice_mut(&mut copy).copy_from_slice(&view[..length]);
+        drop(view);
+        staging.unmap();
+        if is_short {
+            lock(&self.staging).push(staging);
+        }
         Ok(copy)
     }
 
-    /// Takes recorded work. It is submitted with what comes after it, once somebody waits.
-    pub(crate) fn record(&self, work: wgpu::CommandBuffer) {
-        lock(&self.recorded).push(work);
+    /// Takes recorded work. It is submitted with what comes after it, once somebody waits or
+    /// there is enough to keep the device busy while more is recorded.
+    fn record(&self, work: wgpu::CommandBuffer, uniforms: Vec<Arc<Uniforms>>, dispatches: u32) {
+        let mut recorded = lock(&self.recorded);
+        recorded.work.push(work);
+        recorded.uniforms.extend(uniforms);
+        recorded.dispatches += dispatches;
+        let is_enough = recorded.dispatches >= DISPATCHES_AT_ONCE;
+        drop(recorded);
+        if is_enough {
+            self.submit();
+        }
     }
 
     /// Submits all recorded work.
     pub(super) fn submit(&self) {
         // Under the lock, so that no thread's work overtakes another's.
         let mut recorded = lock(&self.recorded);
-        if !recorded.is_empty() {
-            self.queue.submit(recorded.drain(..));
+        let Recorded { work, mut uniforms, .. } = std::mem::take(&mut *recorded);
+        if !work.is_empty() {
+            uniforms.dedup_by(|a, b| Arc::ptr_eq(a, b));
+            uniforms.iter().for_each(|uniforms| uniforms.write(&self.queue));
+            self.queue.submit(work);
         }
+        drop(uniforms);
+        self.reuse_uniforms();
     }
 
     /// Waits until all recorded work is done.
@@ -444,6 +481,9 @@ fn host_memory() -> Option<u64> {
     let line = info.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
     Some(line.split_whitespace().next()?.parse::<u64>().ok()? << 10)
 }
+
+/// Bytes that are read through a buffer that stays.
+const SHORT: u64 = 1 << 16;
 
 const MIB: f64 = 1024.0 * 1024.0;
 

@@ -1,11 +1,11 @@
 //! Running kernels: named dispatches, their times, and slices under a time budget.
 
 use std::cell::Cell;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use wgpu::util::DeviceExt;
-
 use super::kernel::Kernel;
+use super::uniforms::Uniforms;
 use super::{GROUP, Gpu, lock};
 use crate::error::{Error, Result};
 
@@ -81,6 +81,7 @@ pub struct Stage<'g> {
     encoder: wgpu::CommandEncoder,
     stamps: Option<Stamps>,
     dispatched: Vec<&'static str>,
+    uniforms: Vec<Arc<Uniforms>>,
 }
 
 /// Dispatches that one stage may hold, for the sake of its timestamps.
@@ -143,6 +144,7 @@ impl Gpu {
             encoder: self.device().create_command_encoder(&Default::default()),
             stamps: self.tick.map(|_| spare.unwrap_or_else(|| self.stamps())),
             dispatched: Vec::new(),
+            uniforms: Vec::new(),
         }
     }
 
@@ -268,18 +270,15 @@ impl<'g> Stage<'g> {
             return Err(Error::device(kernel.name, "too many dispatches in one stage"));
         }
         let device = self.gpu.device();
-        let params = device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-            label: Some(kernel.name),
-            contents: bytemuck::bytes_of(params),
-            usage: wgpu::BufferUsages::UNIFORM,
-        });
+        let (uniforms, at) = self.gpu.uniform(bytemuck::bytes_of(params));
+        let params = uniforms.binding(at, size_of::<P>());
         let mut entries = Vec::with_capacity(kernel.bindings.len());
         for (name, &binding) in &kernel.bindings {
             let given = bindings.iter().find(|(given, _)| given == name).map(|(_, r)| *r);
             let resource = match given {
                 Some(Resource::Buffer(buffer)) => buffer.as_entire_binding(),
                 Some(Resource::Texture(view)) => wgpu::BindingResource::TextureView(view),
-                None if name == "params" => params.as_entire_binding(),
+                None if name == "params" => params.clone(),
                 None => {
                     return Err(Error::device(kernel.name, format!("`{name}` was not bound")));
                 }
@@ -305,6 +304,9 @@ impl<'g> Stage<'g> {
         let [x, y] = groups_for(items);
         pass.dispatch_workgroups(x, y, 1);
         drop(pass);
+        if !self.uniforms.last().is_some_and(|last| Arc::ptr_eq(last, &uniforms)) {
+            self.uniforms.push(uniforms);
+        }
         self.dispatched.push(kernel.name);
         self.gpu.check(kernel.name)
     }
@@ -340,7 +342,7 @@ impl<'g> Stage<'g> {
             gpu.wait(self.name)?;
         }
         let begun = Instant::now();
-        gpu.record(self.encoder.finish());
+        gpu.record(self.encoder.finish(), self.uniforms, count);
         gpu.check(self.name)?;
         if let Some(stamps) = self.stamps {
             let mut clock = lock(&gpu.clock);
