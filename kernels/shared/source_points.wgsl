@@ -60,13 +60,15 @@ fn with_point(i: u32, q: Query, so_far: Gathered) -> Gathered {
 // Rows of cells around a point.
 const ROWS: u32 = 9u;
 
+// What rounding may amount to, in cells.
+const SLACK: f32 = 1e-3;
+
 fn gather(
     params: SegmentParams, point: vec3<f32>, entry: u32, weight: f32, toward: vec3<f32>, so_far: Gathered,
 ) -> Gathered {
     var sum = so_far;
     let cell = points_cell(point, field);
-    let low = max(cell.x - 1, 0);
-    let high = min(cell.x + 1, i32(field.grid.x) - 1);
+    let at = point / field.radius;
     // Where the points of each row are, all asked for before any is looked at.
     var begins: array<u32, ROWS>;
     var ends: array<u32, ROWS>;
@@ -74,6 +76,14 @@ fn gather(
     for (var n = 0u; n < ROWS; n++) {
         let row = cell.yz + vec2<i32>(vec2<u32>(n % 3u, n / 3u)) - 1;
         if any(row < vec2<i32>(0)) || any(row >= vec2<i32>(field.grid.yz)) { continue; }
+        // Of a row, only the cells that the sphere reaches, and a little more for rounding.
+        let beside = vec2<f32>(row) - at.yz;
+        let apart = max(max(beside, -beside - 1.0) - SLACK, vec2<f32>(0.0));
+        let reach = 1.0 - dot(apart, apart);
+        if reach <= 0.0 { continue; }
+        let half = sqrt(reach) + SLACK;
+        let low = clamp(i32(floor(at.x - half)), max(cell.x - 1, 0), cell.x);
+        let high = clamp(i32(floor(at.x + half)), cell.x, min(cell.x + 1, i32(field.grid.x) - 1));
         let first = points_key(vec3<i32>(low, row), field) >> field.shift;
         let last = points_key(vec3<i32>(high, row), field) >> field.shift;
         let begin = max(starts[first], params.points_begin);

@@ -71,9 +71,10 @@ pub const KERNELS: &[(&str, &[&str])] = &[
 pub struct Kernel {
     /// The name of its file, and of its dispatches.
     pub name: &'static str,
-    pub(crate) pipeline: wgpu::ComputePipeline,
+    pub(super) pipeline: wgpu::ComputePipeline,
+    pub(super) layout: wgpu::BindGroupLayout,
     /// Binding number by variable name.
-    pub(crate) bindings: BTreeMap<String, u32>,
+    pub(super) bindings: BTreeMap<String, u32>,
 }
 
 /// WGSL of a kernel with the given flags set.
@@ -200,7 +201,8 @@ impl Gpu {
             cache: None,
         });
         self.check(name)?;
-        let kernel = Arc::new(Kernel { name, pipeline, bindings });
+        let layout = pipeline.get_bind_group_layout(0);
+        let kernel = Arc::new(Kernel { name, pipeline, layout, bindings });
         lock(&self.kernels).insert(key, kernel.clone());
         Ok(kernel)
     }

@@ -6,10 +6,10 @@
 
 pub mod kernel;
 pub mod layout;
+mod recorder;
 pub mod run;
 pub mod scan;
 pub mod sort;
-mod uniforms;
 
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -20,8 +20,8 @@ use wgpu::util::DeviceExt;
 
 use crate::error::{Error, Result};
 use kernel::Kernel;
+use recorder::Recorder;
 use run::{Clock, Timings};
-use uniforms::Uniforms;
 
 /// Threads of a work group, in every kernel that works item by item.
 pub const GROUP: u32 = 64;
@@ -94,25 +94,11 @@ pub struct Gpu {
     kernels: Mutex<HashMap<KernelKey, Arc<Kernel>>>,
     timings: Mutex<Timings>,
     clock: Mutex<Clock>,
-    /// What was recorded and waits to be submitted.
-    recorded: Mutex<Recorded>,
-    uniforms: Mutex<Option<Arc<Uniforms>>>,
+    recorder: Mutex<Recorder>,
     /// Buffers of [`SHORT`] bytes that are read through.
     staging: Mutex<Vec<wgpu::Buffer>>,
     slice_budget: Duration,
 }
-
-/// What waits to be submitted.
-#[derive(Default)]
-struct Recorded {
-    work: Vec<wgpu::CommandBuffer>,
-    /// What it is told.
-    uniforms: Vec<Arc<Uniforms>>,
-    dispatches: u32,
-}
-
-/// Dispatches that are submitted without anybody waiting.
-const DISPATCHES_AT_ONCE: u32 = 16;
 
 /// Work that another thread left half-done is still data: a poisoned lock is entered.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -200,7 +186,8 @@ impl Gpu {
         };
         let adapter = &adapters[index];
         let report = describe(index, adapter);
-        let wanted = wgpu::Features::TIMESTAMP_QUERY;
+        let wanted =
+            wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::TIMESTAMP_QUERY_INSIDE_PASSES;
         // WebGPU's own limits, sizes alone raised: a kernel that needs more would not run elsewhere.
         let limits = wgpu::Limits {
             max_buffer_size: report.max_buffer_size,
@@ -233,6 +220,7 @@ impl Gpu {
         Self {
             limits: device.limits(),
             tick: timed.then(|| queue.get_timestamp_period()),
+            recorder: Mutex::new(Recorder::new(&device)),
             device,
             queue,
             report,
@@ -240,8 +228,6 @@ impl Gpu {
             kernels: Mutex::default(),
             timings: Mutex::default(),
             clock: Mutex::default(),
-            recorded: Mutex::default(),
-            uniforms: Mutex::default(),
             staging: Mutex::default(),
             slice_budget: Duration::from_millis(100),
         }
@@ -362,10 +348,10 @@ impl Gpu {
                 mapped_at_creation: false,
             })
         });
-        let mut encoder = self.device.create_command_encoder(&Default::default());
-        encoder.copy_buffer_to_buffer(buffer, offset, &staging, 0, bytes);
-        self.record(encoder.finish(), Vec::new(), 0);
-        self.submit();
+        let mut recorder = lock(&self.recorder);
+        recorder.encoder(self).copy_buffer_to_buffer(buffer, offset, &staging, 0, bytes);
+        recorder.submit(self);
+        drop(recorder);
         // Whatever the callback would say, the mapping below says again.
         staging.map_async(wgpu::MapMode::Read, ..bytes, |_| {});
         self.wait(stage)?;
@@ -382,32 +368,9 @@ impl Gpu {
         Ok(copy)
     }
 
-    /// Takes recorded work. It is submitted with what comes after it, once somebody waits or
-    /// there is enough to keep the device busy while more is recorded.
-    fn record(&self, work: wgpu::CommandBuffer, uniforms: Vec<Arc<Uniforms>>, dispatches: u32) {
-        let mut recorded = lock(&self.recorded);
-        recorded.work.push(work);
-        recorded.uniforms.extend(uniforms);
-        recorded.dispatches += dispatches;
-        let is_enough = recorded.dispatches >= DISPATCHES_AT_ONCE;
-        drop(recorded);
-        if is_enough {
-            self.submit();
-        }
-    }
-
     /// Submits all recorded work.
     pub(super) fn submit(&self) {
-        // Under the lock, so that no thread's work overtakes another's.
-        let mut recorded = lock(&self.recorded);
-        let Recorded { work, mut uniforms, .. } = std::mem::take(&mut *recorded);
-        if !work.is_empty() {
-            uniforms.dedup_by(|a, b| Arc::ptr_eq(a, b));
-            uniforms.iter().for_each(|uniforms| uniforms.write(&self.queue));
-            self.queue.submit(work);
-        }
-        drop(uniforms);
-        self.reuse_uniforms();
+        lock(&self.recorder).submit(self);
     }
 
     /// Waits until all recorded work is done.

@@ -1,11 +1,10 @@
 //! Running kernels: named dispatches, their times, and slices under a time budget.
 
 use std::cell::Cell;
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::kernel::Kernel;
-use super::uniforms::Uniforms;
+use super::recorder::DISPATCHES;
 use super::{GROUP, Gpu, lock};
 use crate::error::{Error, Result};
 
@@ -74,38 +73,34 @@ pub fn groups_for(items: u64) -> [u32; 2] {
     [groups.div_ceil(rows) as u32, rows as u32]
 }
 
-/// Dispatches that are recorded together.
+/// Dispatches that belong together.
 pub struct Stage<'g> {
     gpu: &'g Gpu,
     name: &'static str,
-    encoder: wgpu::CommandEncoder,
-    stamps: Option<Stamps>,
     dispatched: Vec<&'static str>,
-    uniforms: Vec<Arc<Uniforms>>,
+    /// The first dispatch, where the host's clock has to do.
+    begun: Instant,
 }
 
-/// Dispatches that one stage may hold, for the sake of its timestamps.
-const STAGE_DISPATCHES: u32 = 64;
+/// Submissions whose times wait to be read, at most.
+const UNREAD: usize = 256;
 
-/// Stages whose times wait to be read, at most.
-const UNREAD_STAGES: usize = 256;
-
-/// Room for the timestamps of one stage, used again and again.
-struct Stamps {
-    queries: wgpu::QuerySet,
-    resolved: wgpu::Buffer,
-    staging: wgpu::Buffer,
+/// Room for the timestamps of one submission, used again and again.
+pub(super) struct Stamps {
+    pub(super) queries: wgpu::QuerySet,
+    pub(super) resolved: wgpu::Buffer,
+    pub(super) staging: wgpu::Buffer,
 }
 
 /// Phases that times are summed by, beside their names.
 pub const PHASES: usize = 4;
 
-/// The timestamps of stages that have ended.
+/// The timestamps of what was submitted, with the kernel and the phase of each dispatch.
 #[derive(Default)]
 pub(super) struct Clock {
-    unread: Vec<(Stamps, Vec<&'static str>, usize)>,
+    pub(super) unread: Vec<(Stamps, Vec<(&'static str, usize)>)>,
     spare: Vec<Stamps>,
-    phase: usize,
+    pub(super) phase: usize,
     phases: [f64; PHASES],
 }
 
@@ -137,18 +132,10 @@ impl Pace {
 impl Gpu {
     /// Begins a stage.
     pub fn stage(&self, name: &'static str) -> Stage<'_> {
-        let spare = lock(&self.clock).spare.pop();
-        Stage {
-            gpu: self,
-            name,
-            encoder: self.device().create_command_encoder(&Default::default()),
-            stamps: self.tick.map(|_| spare.unwrap_or_else(|| self.stamps())),
-            dispatched: Vec::new(),
-            uniforms: Vec::new(),
-        }
+        Stage { gpu: self, name, dispatched: Vec::new(), begun: Instant::now() }
     }
 
-    /// Has the times of the stages that end from now on summed as this phase, below [`PHASES`].
+    /// Has the times of what is dispatched from now on summed as this phase, below [`PHASES`].
     pub fn enter(&self, phase: usize) {
         lock(&self.clock).phase = phase;
     }
@@ -162,8 +149,11 @@ impl Gpu {
         Ok(lock(&self.clock).phases)
     }
 
-    fn stamps(&self) -> Stamps {
-        let count = 2 * STAGE_DISPATCHES;
+    pub(super) fn spare_stamps(&self) -> Stamps {
+        if let Some(spare) = lock(&self.clock).spare.pop() {
+            return spare;
+        }
+        let count = 2 * DISPATCHES;
         let buffer = |usage| {
             self.device().create_buffer(&wgpu::BufferDescriptor {
                 label: Some("timestamps"),
@@ -218,18 +208,18 @@ impl Gpu {
         Ok(())
     }
 
-    /// Waits for all stages that ended, and notes their times.
+    /// Waits for all that was recorded, and notes the times.
     pub(super) fn read_clock(&self) -> Result<()> {
+        self.submit();
         let unread = std::mem::take(&mut lock(&self.clock).unread);
         let Some(tick) = self.tick.filter(|_| !unread.is_empty()) else {
             return Ok(());
         };
-        self.submit();
-        for (stamps, ..) in &unread {
+        for (stamps, _) in &unread {
             stamps.staging.map_async(wgpu::MapMode::Read, .., |_| {});
         }
         self.wait("timestamps")?;
-        for (stamps, names, phase) in unread {
+        for (stamps, names) in unread {
             let view = stamps.staging.get_mapped_range(..);
             let view = view.map_err(|e| Error::device("timestamps", e.to_string()))?;
             let times = view.chunks_exact(16).map(|pair| {
@@ -237,7 +227,7 @@ impl Gpu {
                     [0, 8].map(|at| bytemuck::pod_read_unaligned::<u64>(&pair[at..at + 8]));
                 end.saturating_sub(begin) as f64 * f64::from(tick) * 1e-6
             });
-            self.note(names.into_iter().zip(times), phase);
+            self.note(names.into_iter().zip(times));
             drop(view);
             stamps.staging.unmap();
             lock(&self.clock).spare.push(stamps);
@@ -245,9 +235,9 @@ impl Gpu {
         Ok(())
     }
 
-    fn note(&self, times: impl Iterator<Item = (&'static str, f64)>, phase: usize) {
+    fn note(&self, times: impl Iterator<Item = ((&'static str, usize), f64)>) {
         let (mut timings, mut clock) = (lock(&self.timings), lock(&self.clock));
-        for (name, ms) in times {
+        for ((name, phase), ms) in times {
             timings.add(name, ms);
             clock.phases[phase] += ms;
         }
@@ -266,47 +256,13 @@ impl<'g> Stage<'g> {
         bindings: &[(&'static str, Resource)],
         params: &P,
     ) -> Result<()> {
-        if self.dispatched.len() as u32 == STAGE_DISPATCHES {
-            return Err(Error::device(kernel.name, "too many dispatches in one stage"));
+        if self.gpu.tick.is_none() && self.dispatched.is_empty() {
+            self.gpu.wait(self.name)?;
+            self.begun = Instant::now();
         }
-        let device = self.gpu.device();
-        let (uniforms, at) = self.gpu.uniform(bytemuck::bytes_of(params));
-        let params = uniforms.binding(at, size_of::<P>());
-        let mut entries = Vec::with_capacity(kernel.bindings.len());
-        for (name, &binding) in &kernel.bindings {
-            let given = bindings.iter().find(|(given, _)| given == name).map(|(_, r)| *r);
-            let resource = match given {
-                Some(Resource::Buffer(buffer)) => buffer.as_entire_binding(),
-                Some(Resource::Texture(view)) => wgpu::BindingResource::TextureView(view),
-                None if name == "params" => params.clone(),
-                None => {
-                    return Err(Error::device(kernel.name, format!("`{name}` was not bound")));
-                }
-            };
-            entries.push(wgpu::BindGroupEntry { binding, resource });
-        }
-        let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some(kernel.name),
-            layout: &kernel.pipeline.get_bind_group_layout(0),
-            entries: &entries,
-        });
-        let at = 2 * self.dispatched.len() as u32;
-        let mut pass = self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-            label: Some(kernel.name),
-            timestamp_writes: self.stamps.as_ref().map(|stamps| wgpu::ComputePassTimestampWrites {
-                query_set: &stamps.queries,
-                beginning_of_pass_write_index: Some(at),
-                end_of_pass_write_index: Some(at + 1),
-            }),
-        });
-        pass.set_pipeline(&kernel.pipeline);
-        pass.set_bind_group(0, &group, &[]);
-        let [x, y] = groups_for(items);
-        pass.dispatch_workgroups(x, y, 1);
-        drop(pass);
-        if !self.uniforms.last().is_some_and(|last| Arc::ptr_eq(last, &uniforms)) {
-            self.uniforms.push(uniforms);
-        }
+        let told = bytemuck::bytes_of(params);
+        let what = (kernel, groups_for(items));
+        lock(&self.gpu.recorder).dispatch(self.gpu, what, bindings, told)?;
         self.dispatched.push(kernel.name);
         self.gpu.check(kernel.name)
     }
@@ -318,49 +274,29 @@ impl<'g> Stage<'g> {
 
     /// Clears a whole buffer to zero.
     pub fn clear(&mut self, buffer: &wgpu::Buffer) {
-        self.encoder.clear_buffer(buffer, 0, None);
+        lock(&self.gpu.recorder).encoder(self.gpu).clear_buffer(buffer, 0, None);
     }
 
     /// Copies the beginning of one buffer to another.
     pub fn copy(&mut self, from: &wgpu::Buffer, to: &wgpu::Buffer, bytes: u64) {
-        self.encoder.copy_buffer_to_buffer(from, 0, to, 0, bytes);
+        let mut recorder = lock(&self.gpu.recorder);
+        recorder.encoder(self.gpu).copy_buffer_to_buffer(from, 0, to, 0, bytes);
     }
 
     /// Ends the stage. Nobody waits, unless the device has no clock and the host's must do.
     ///
     /// # Errors
     /// The device failed.
-    pub fn finish(mut self) -> Result<()> {
+    pub fn finish(self) -> Result<()> {
         let gpu = self.gpu;
-        let count = self.dispatched.len() as u32;
-        if let Some(stamps) = self.stamps.as_ref().filter(|_| count > 0) {
-            let Stamps { queries, resolved, staging } = stamps;
-            self.encoder.resolve_query_set(queries, 0..2 * count, resolved, 0);
-            self.encoder.copy_buffer_to_buffer(resolved, 0, staging, 0, u64::from(2 * count) * 8);
-        }
-        if self.stamps.is_none() {
-            gpu.wait(self.name)?;
-        }
-        let begun = Instant::now();
-        gpu.record(self.encoder.finish(), self.uniforms, count);
-        gpu.check(self.name)?;
-        if let Some(stamps) = self.stamps {
-            let mut clock = lock(&gpu.clock);
-            match count {
-                0 => clock.spare.push(stamps),
-                _ => {
-                    let phase = clock.phase;
-                    clock.unread.push((stamps, self.dispatched, phase));
-                }
-            }
-            let full = clock.unread.len() >= UNREAD_STAGES;
-            drop(clock);
-            return if full { gpu.read_clock() } else { Ok(()) };
+        if gpu.tick.is_some() {
+            let is_much = lock(&gpu.clock).unread.len() >= UNREAD;
+            return if is_much { gpu.read_clock() } else { gpu.check(self.name) };
         }
         gpu.wait(self.name)?;
-        let ms = milliseconds(begun.elapsed()) / f64::from(count);
+        let each = milliseconds(self.begun.elapsed()) / self.dispatched.len() as f64;
         let phase = lock(&gpu.clock).phase;
-        gpu.note(self.dispatched.into_iter().map(|name| (name, ms)), phase);
+        gpu.note(self.dispatched.into_iter().map(|name| ((name, phase), each)));
         Ok(())
     }
 }

@@ -26,19 +26,7 @@ impl MacroCells {
     pub fn of(volume: &Volume) -> Self {
         let counts = volume.size().map(|n| n.div_ceil(CELL_EDGE));
         let total = counts.iter().map(|&n| n as usize).product();
-        let mut entries = vec![[0; 2]; total];
-        let threads = std::thread::available_parallelism().map_or(1, NonZero::get);
-        let share = total.div_ceil(threads).max(1);
-        std::thread::scope(|scope| {
-            for (part, chunk) in entries.chunks_mut(share).enumerate() {
-                scope.spawn(move || {
-                    for (i, range) in chunk.iter_mut().enumerate() {
-                        *range = entry_range(volume, counts, part * share + i);
-                    }
-                });
-            }
-        });
-        Self { counts, entries }
+        Self { counts, entries: each(total, |cell| entry_range(volume, counts, cell)) }
     }
 
     /// The bins that each cell can produce, as history masks of two words.
@@ -64,7 +52,11 @@ impl MacroCells {
 
     /// All entries that each cell can produce, joined: a maximum, a union. `join` must not mind
     /// an entry twice.
-    pub fn fold<T: Copy>(&self, of: impl Fn(usize) -> T, join: impl Fn(T, T) -> T) -> Vec<T> {
+    pub fn fold<T: Copy + Default + Send + Sync>(
+        &self,
+        of: impl Fn(usize) -> T,
+        join: impl Fn(T, T) -> T + Sync,
+    ) -> Vec<T> {
         // A sparse table answers any range in two look-ups.
         let mut levels = vec![(0..TABLE_ENTRIES).map(of).collect::<Vec<T>>()];
         for width in (0..).map(|k| 1 << k).take_while(|w| 2 * w <= TABLE_ENTRIES) {
@@ -72,13 +64,30 @@ impl MacroCells {
             let next = (0..=TABLE_ENTRIES - 2 * width).map(|i| join(below[i], below[i + width]));
             levels.push(next.collect());
         }
-        let joined = |&[low, high]: &[u16; 2]| {
-            let (low, high) = (low as usize, high as usize);
+        each(self.entries.len(), |cell| {
+            let [low, high] = self.entries[cell].map(usize::from);
             let level = (high - low + 1).ilog2() as usize;
             join(levels[level][low], levels[level][high + 1 - (1 << level)])
-        };
-        self.entries.iter().map(joined).collect()
+        })
     }
+}
+
+/// Something of each cell, found by as many threads as the machine has.
+fn each<T: Copy + Default + Send>(total: usize, of: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    let mut all = vec![T::default(); total];
+    let threads = std::thread::available_parallelism().map_or(1, NonZero::get);
+    let share = total.div_ceil(threads).max(1);
+    let of = &of;
+    std::thread::scope(|scope| {
+        for (part, chunk) in all.chunks_mut(share).enumerate() {
+            scope.spawn(move || {
+                for (i, item) in chunk.iter_mut().enumerate() {
+                    *item = of(part * share + i);
+                }
+            });
+        }
+    });
+    all
 }
 
 fn entry_range(volume: &Volume, counts: [u32; 3], cell: usize) -> [u16; 2] {
