@@ -128,16 +128,17 @@ impl Recorder {
     pub(super) fn submit(&mut self, gpu: &Gpu) {
         self.pass = None;
         let Some(mut encoder) = self.encoder.take() else { return };
-        let names = std::mem::take(&mut self.names);
-        if let Some(stamps) = self.stamps.take() {
-            let (Stamps { queries, resolved, staging }, count) = (&stamps, 2 * names.len() as u32);
+        let (names, stamps) = (std::mem::take(&mut self.names), self.stamps.take());
+        if let Some(Stamps { queries, resolved, staging }) = &stamps {
+            let count = 2 * names.len() as u32;
             encoder.resolve_query_set(queries, 0..count, resolved, 0);
             encoder.copy_buffer_to_buffer(resolved, 0, staging, 0, u64::from(count) * 8);
-            lock(&gpu.clock).unread.push((stamps, names));
         }
         // Before this submission, and after all before it.
         gpu.queue.write_buffer(&self.uniforms, 0, &self.told);
         self.told.clear();
         gpu.queue.submit([encoder.finish()]);
+        // Not sooner: another thread would read it.
+        lock(&gpu.clock).unread.extend(stamps.map(|stamps| (stamps, names)));
     }
 }
