@@ -63,6 +63,14 @@ const ROWS: u32 = 9u;
 // What rounding may amount to, in cells.
 const SLACK: f32 = 1e-3;
 
+// The points of a part of a row of cells.
+fn points_between(params: SegmentParams, cells: vec2<i32>, row: vec2<i32>) -> vec2<u32> {
+    let first = points_key(vec3<i32>(cells.x, row), field) >> field.shift;
+    let last = points_key(vec3<i32>(cells.y, row), field) >> field.shift;
+    let begin = max(starts[first], params.points_begin);
+    return vec2(begin, min(starts[last + 1u], params.points_end));
+}
+
 fn gather(
     params: SegmentParams, point: vec3<f32>, entry: u32, weight: f32, toward: vec3<f32>, so_far: Gathered,
 ) -> Gathered {
@@ -73,26 +81,26 @@ fn gather(
     var begins: array<u32, ROWS>;
     var ends: array<u32, ROWS>;
     var rows = 0u;
+    let widest = vec2(max(cell.x - 1, 0), min(cell.x + 1, i32(field.grid.x) - 1));
     for (var n = 0u; n < ROWS; n++) {
         let row = cell.yz + vec2<i32>(vec2<u32>(n % 3u, n / 3u)) - 1;
         if any(row < vec2<i32>(0)) || any(row >= vec2<i32>(field.grid.yz)) { continue; }
-        // Of a row, only the cells that the sphere reaches, and a little more for rounding.
+        var run = points_between(params, widest, row);
+        if run.x >= run.y { continue; }
+        // Only the cells of the row that the sphere reaches, and a little more for rounding.
         let beside = vec2<f32>(row) - at.yz;
         let apart = max(max(beside, -beside - 1.0) - SLACK, vec2<f32>(0.0));
         let reach = 1.0 - dot(apart, apart);
         if reach <= 0.0 { continue; }
         let half = sqrt(reach) + SLACK;
-        let low = clamp(i32(floor(at.x - half)), max(cell.x - 1, 0), cell.x);
-        let high = clamp(i32(floor(at.x + half)), cell.x, min(cell.x + 1, i32(field.grid.x) - 1));
-        let first = points_key(vec3<i32>(low, row), field) >> field.shift;
-        let last = points_key(vec3<i32>(high, row), field) >> field.shift;
-        let begin = max(starts[first], params.points_begin);
-        let end = min(starts[last + 1u], params.points_end);
-        if begin < end {
-            begins[rows] = begin;
-            ends[rows] = end;
+        let least = i32(floor(at.x - half));
+        let most = i32(floor(at.x + half));
+        run = points_between(params, clamp(vec2(least, most), widest.xx, widest.yy), row);
+        if run.x < run.y {
+            begins[rows] = run.x;
+            ends[rows] = run.y;
             rows++;
-            sum.tested += end - begin;
+            sum.tested += run.y - run.x;
         }
     }
     // One loop over all of them: threads side by side that find fewer here find more there.
