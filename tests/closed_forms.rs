@@ -11,7 +11,9 @@ use photogram::film::Image;
 use photogram::frame::DeviceScene;
 use photogram::reference::Reference;
 use photogram::render::{Progress, Split, render};
-use photogram::scene::{Estimator, Filter, Method, Scene};
+use photogram::scene::{Estimator, Filter, Method, Scene, Weighting};
+use photogram::segment::LightField;
+use photogram::update::PhotonFrame;
 use photogram::volume::Volume;
 
 const FILTERS: [Filter; 2] = [Filter::Nearest, Filter::Linear];
@@ -393,5 +395,69 @@ fn a_glow_beyond_the_sums_is_refused() {
             .err()
             .expect("no such light fits");
         assert!(error.to_string().contains("52 bits"), "{error}");
+    }
+}
+
+/// What a march of one pixel gathers of points, as a plain search over all of them finds: with
+/// a radius a little less, and a little more.
+fn searched(
+    (o, d): (DVec3, DVec3),
+    (extinction, step, radius): (f64, f64, f64),
+    points: &[(DVec3, f64)],
+) -> [f64; 2] {
+    let Some((near, far)) = span(o, d) else { return [0.0; 2] };
+    let samples = ((far - near) / step).ceil();
+    let h = (far - near) / samples;
+    let depth = extinction * h;
+    let lean = 1.0 / depth - 1.0 / depth.exp_m1() - 0.5;
+    [-1e-5, 1e-5].map(|off| {
+        let reach = (radius * (1.0 + off)).powi(2);
+        let at = |i: u32| {
+            let t = near + (f64::from(i) + 0.5) * h;
+            let seen = o + d * (t + lean * h);
+            let near_by = points.iter().filter(|(place, _)| place.distance_squared(seen) < reach);
+            let passed = (-extinction * (t - 0.5 * h - near)).exp();
+            passed * -(-depth).exp_m1() / extinction * near_by.map(|(_, light)| light).sum::<f64>()
+        };
+        (0..samples as u32).map(at).sum()
+    })
+}
+
+#[test]
+fn a_gather_sums_every_point_within_the_radius_and_no_other() {
+    let volume = volume();
+    let sun = Sun::Directional(dvec3(0.4, 0.7, -0.6)).text();
+    for radius in [0.7, 1.3, 4.5] {
+        let material = "extinction = 0.09\nalbedo = 0.8";
+        let mut scene = filtered(scene(&volume, material, &sun), Filter::Linear);
+        let settings = &mut scene.settings;
+        settings.estimator = Some(Estimator::Points);
+        settings.weighting = Weighting::Plain;
+        (settings.photons, settings.max_events, settings.radius) = (4000, 3, Some(radius));
+        scene.settle(&volume);
+        let device = DeviceScene::new(gpu(), &scene, &volume).expect("uploads");
+        let mut frame =
+            PhotonFrame::new(gpu(), &scene, device, 1, &Split::default()).expect("fits");
+        frame.rebuild(gpu(), &Split::default(), &mut Progress::silent()).expect("rebuilds");
+        let LightField::Points(points) = &frame.field else { panic!("points were asked for") };
+        let float = |word: u32| f64::from(f32::from_bits(word));
+        let points = points.read(gpu()).expect("reads").into_iter().map(|(place, light)| {
+            (dvec3(float(place[0]), float(place[1]), float(place[2])), float(light[0]))
+        });
+        let points: Vec<_> = points.collect();
+        let march = (0.09, f64::from(frame.scene.frame.step), radius);
+        let image = frame.segments.image(gpu()).expect("reads");
+        let mut lit = 0;
+        for ((x, y), seen) in pixels().zip(&image.rgb) {
+            let [least, most] =
+                searched(ray(&scene, f64::from(x) + 0.5, f64::from(y) + 0.5), march, &points);
+            let (seen, slack) = (f64::from(seen[0]), 2e-4 * most);
+            assert!(
+                (least - slack..=most + slack).contains(&seen),
+                "radius {radius}, pixel {x}, {y}: {seen} is not from {least} to {most}"
+            );
+            lit += u32::from(least > 0.0);
+        }
+        assert!(lit > 100, "{lit} pixels saw light");
     }
 }

@@ -14,7 +14,7 @@ use crate::error::{Error, Result};
 pub(super) const DISPATCHES: u32 = 32;
 
 /// Where a kernel's uniform may begin, on any adapter; none is larger.
-const UNIFORM: usize = 256;
+pub(super) const UNIFORM: usize = 256;
 
 /// The commands.
 pub(super) struct Recorder {

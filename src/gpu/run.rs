@@ -4,7 +4,7 @@ use std::cell::Cell;
 use std::time::{Duration, Instant};
 
 use super::kernel::Kernel;
-use super::recorder::DISPATCHES;
+use super::recorder::{DISPATCHES, UNIFORM};
 use super::{GROUP, Gpu, lock};
 use crate::error::{Error, Result};
 
@@ -260,6 +260,7 @@ impl<'g> Stage<'g> {
             self.gpu.wait(self.name)?;
             self.begun = Instant::now();
         }
+        const { assert!(size_of::<P>() <= UNIFORM, "a uniform exceeds its room") };
         let told = bytemuck::bytes_of(params);
         let what = (kernel, groups_for(items));
         lock(&self.gpu.recorder).dispatch(self.gpu, what, bindings, told)?;
