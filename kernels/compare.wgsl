@@ -4,7 +4,7 @@
 // went or are elsewhere.
 
 import package::constants::GROUP;
-import package::shared::counter::{CHANGED, MOVED, count};
+import package::shared::counter::{CHANGED, MOVED, REPOWERED, count};
 import package::shared::item::item_index;
 import package::shared::marks::mark;
 import package::shared::photon::{PhotonParams, Task, NOTHING, pack_task, unpack_task};
@@ -30,6 +30,7 @@ fn main(
     let photon = work[params.first_listed + item];
     var first = NOTHING;
     @if(points) var elsewhere = 0u;
+    @if(points) var repowered = 0u;
     for (var event = unpack_task(tasks[photon]).touched; event < params.max_events; event++) {
         let live = event * params.photons + photon;
         let old = event * params.journal + item;
@@ -38,11 +39,14 @@ fn main(
         // Beyond a photon's end every slot is empty.
         if slot_kind(now) == EMPTY && slot_kind(before) == EMPTY { break; }
         let is_elsewhere = any(places[live] != old_places[old]) || slot_kind(now) != slot_kind(before);
-        if is_elsewhere || any(now.xy != before.xy) { first = min(first, event); }
+        let differs = is_elsewhere || any(now.xy != before.xy);
+        if differs { first = min(first, event); }
         @if(points) {
             if is_elsewhere {
                 atomicOr(&moved[live / 32u], 1u << (live % 32u));
                 elsewhere++;
+            } else {
+                repowered += u32(differs);
             }
         }
         @if(!points) { if first != NOTHING { break; } }
@@ -50,5 +54,6 @@ fn main(
     tasks[photon] = pack_task(Task(first, NOTHING));
     count(CHANGED, u32(first != NOTHING));
     @if(points) count(MOVED, elsewhere);
+    @if(points) count(REPOWERED, repowered);
     @if(!points) { if first != NOTHING { mark(item); } }
 }

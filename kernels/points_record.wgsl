@@ -39,16 +39,28 @@ fn main(
 ) {
     let point = item_index(group, groups, local);
     if point >= params.count { return; }
-    var light = light_of(point);
-    @if(!fresh) {
-        let stays = params.all == 1u || extractBits(kept[point / 32u], point % 32u, 1u) == 1u;
-        light = select(vec4<f32>(0.0), light, stays);
-        let seen = point_lights[point];
-        if all(bitcast<vec4<u32>>(seen) == bitcast<vec4<u32>>(light)) { return; }
-        seen_lights[point] = seen;
-        let bit = 1u << (point % 32u);
-        if any(seen.rgb > vec3<f32>(0.0)) { atomicOr(&went[point / 32u], bit); }
-        if any(light.rgb > vec3<f32>(0.0)) { atomicOr(&came[point / 32u], bit); }
+    @if(fresh) { point_lights[point] = light_of(point); }
+    @if(!fresh) { renew(point); }
+}
+
+@if(!fresh)
+fn renew(point: u32) {
+    let word = point / 32u;
+    let bit = 1u << (point % 32u);
+    let is_kept = params.all == 1u || extractBits(kept[word], point % 32u, 1u) == 1u;
+    // A mean that changed has marked its point.
+    if params.stay == 1u && is_kept && (atomicLoad(&came[word]) & bit) == 0u { return; }
+    var light = vec4<f32>(0.0);
+    if is_kept { light = light_of(point); }
+    let seen = point_lights[point];
+    let differs = any(bitcast<vec4<u32>>(seen) != bitcast<vec4<u32>>(light));
+    if differs && any(light.rgb > vec3<f32>(0.0)) {
+        atomicOr(&came[word], bit);
+    } else {
+        atomicAnd(&came[word], ~bit);
     }
+    if !differs { return; }
+    if any(seen.rgb > vec3<f32>(0.0)) { atomicOr(&went[word], bit); }
+    seen_lights[point] = seen;
     point_lights[point] = light;
 }

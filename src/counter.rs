@@ -45,6 +45,8 @@ pub struct Counters {
     pub steps: u64,
     /// Slots of photons that came, went or are elsewhere after tracing or weighing again.
     pub moved: u64,
+    /// Slots of photons that are where they were, of another power.
+    pub repowered: u64,
 }
 
 impl Counters {

@@ -141,6 +141,8 @@ pub struct Batch {
     pub moved: wgpu::Buffer,
     /// Whether there is any.
     pub any_moved: bool,
+    /// Whether a slot is where it was, of another power, and the light field does not know.
+    pub any_repowered: bool,
 }
 
 impl Batch {
@@ -159,6 +161,7 @@ impl Batch {
             stale: true,
             moved: gpu.buffer::<u32>("moved slots", slots.div_ceil(32))?,
             any_moved: true,
+            any_repowered: true,
         };
         batch.forget(gpu)?;
         Ok(batch)
@@ -180,7 +183,7 @@ impl Batch {
     /// # Errors
     /// The device failed.
     pub fn forget(&mut self, gpu: &Gpu) -> Result<()> {
-        self.any_moved = true;
+        (self.any_moved, self.any_repowered) = (true, true);
         fill(gpu, "forget", &self.moved, &[u32::MAX])?;
         fill(gpu, "forget", &self.places, &[0])?;
         fill(gpu, "forget", &self.states, &NEVER)
@@ -191,7 +194,7 @@ impl Batch {
     /// # Errors
     /// The device failed.
     pub fn settle(&mut self, gpu: &Gpu) -> Result<()> {
-        self.stale = false;
+        (self.stale, self.any_repowered) = (false, false);
         if std::mem::take(&mut self.any_moved) {
             let mut stage = gpu.stage("moved slots");
             stage.clear(&self.moved);

@@ -426,7 +426,7 @@ impl PhotonFrame {
             fluence.current &= !self.fresh;
         }
         let (mut seen, mut changed, before) = (0, 0, self.counts(gpu)?);
-        let mut moved = before.moved;
+        let mut known = before;
         for i in 0..self.map.batches.len() {
             let count = self.map.batches[i].list.count;
             self.map.batches[i].stale |= count > 0;
@@ -455,9 +455,10 @@ impl PhotonFrame {
                 self.map.compare(gpu, batch, (&part, points), &self.counters)?;
                 match &mut self.field {
                     LightField::Points(_) => {
-                        let after = self.counters.read(gpu)?.moved;
-                        self.map.batches[i].any_moved |= after > moved;
-                        moved = after;
+                        let (after, batch) = (self.counters.read(gpu)?, &mut self.map.batches[i]);
+                        batch.any_moved |= after.moved > known.moved;
+                        batch.any_repowered |= after.repowered > known.repowered;
+                        known = after;
                     }
                     LightField::Fluence(fluence) if fluence.current => {
                         let chosen = self.map.choose(gpu, i, &part)?;
@@ -501,13 +502,10 @@ impl PhotonFrame {
     fn light_field(&mut self, gpu: &Gpu, progress: &mut Progress) -> Result<u64> {
         match &mut self.field {
             LightField::Points(points) => {
-                let reached = self.query.changes.iter().any(|c| c & points.columns() != 0);
                 if self.fresh {
                     points.forget();
                 }
-                let changed = self.query.mask(CHANGE_RISEN | CHANGE_FALLEN, &self.scene.bins);
-                let what = (reached, changed);
-                points.build(gpu, &self.scene, &mut self.map, what, progress)?;
+                points.build(gpu, &self.scene, &mut self.map, &self.query, progress)?;
                 if self.fresh {
                     return Ok(points.count());
                 }

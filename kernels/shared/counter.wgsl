@@ -19,6 +19,7 @@ const UNFINISHED: u32 = 10u;   // items whose loops the driver ended
 const OVERFLOWN: u32 = 11u;    // segments whose sums do not fit
 const STEPS: u32 = 12u;        // macro-cells that flights entered
 const MOVED: u32 = 13u;        // slots that came, went or are elsewhere
+const REPOWERED: u32 = 14u;    // slots where they were, of another power
 
 @group(0) @binding(7) var<storage, read_write> counters: array<atomic<u32>>;
 

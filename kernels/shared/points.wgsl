@@ -16,7 +16,8 @@ struct PointsParams {
     step: u32,             // buckets from one that is looked for to the next; 0: far apart
     all: u32,              // 1: of all slots, not of those that moved
     changed: vec2<u32>,    // bins whose extinction changed since
-    pad: vec2<u32>,
+    stay: u32,             // 1: a point that is where it was has other light only if its mean changed
+    pad: u32,
 }
 
 // An order's bit for the second of two arrays that items are from.

@@ -24,7 +24,7 @@ use crate::gpu::run::{Bindings, Stage};
 use crate::gpu::sort::Sorter;
 use crate::gpu::{GROUP, Gpu};
 use crate::photon::{Batch, PhotonMap};
-use crate::query::{CHANGE_ALBEDO, CHANGE_FALLEN, CHANGE_PHASE, CHANGE_RISEN};
+use crate::query::{CHANGE_ALBEDO, CHANGE_FALLEN, CHANGE_PHASE, CHANGE_RISEN, Query};
 use crate::render::Progress;
 use crate::scene::{Settings, Weighting};
 use crate::segment::Run;
@@ -63,8 +63,10 @@ shared_struct! {
         pub all: u32,
         /// Bins whose extinction changed since.
         pub changed: [u32; 2],
+        /// 1 where a point that is where it was has other light only if its mean changed.
+        pub stay: u32,
         /// Keeps the size a multiple of 16.
-        pub pad: [u32; 2],
+        pub pad: u32,
     }
 }
 
@@ -262,12 +264,6 @@ impl Points {
         Ok(())
     }
 
-    /// Columns of the transfer function that contributions depend on, `CHANGE_` bits.
-    pub fn columns(&self) -> u32 {
-        let extinction = if self.even { CHANGE_RISEN | CHANGE_FALLEN } else { 0 };
-        CHANGE_PHASE | CHANGE_ALBEDO | extinction
-    }
-
     /// Has the next build sort all points anew.
     pub fn forget(&mut self) {
         self.batches.clear();
@@ -275,8 +271,8 @@ impl Points {
         self.unsettled = false;
     }
 
-    /// Brings the points of the batches that changed up to date, or `all`; `changed` has the
-    /// bins whose extinction changed since the segments were computed.
+    /// Brings the points up to date: of batches that changed, or of all where the query has
+    /// what their light depends on.
     ///
     /// # Errors
     /// The device failed.
@@ -285,14 +281,19 @@ impl Points {
         gpu: &Gpu,
         scene: &DeviceScene,
         map: &mut PhotonMap,
-        (all, changed): (bool, u64),
+        query: &Query,
         progress: &mut Progress,
     ) -> Result<()> {
         let total = map.batches.len();
         let mut before = std::mem::take(&mut self.batches);
         // Segments correct their sums by what one build changed, not by two.
         self.changes = if self.unsettled { Changes::TooMany } else { Changes::None };
-        self.params.changed = words(changed);
+        let reaches = |columns| query.changes.iter().any(|change| change & columns != 0);
+        let extinction = CHANGE_RISEN | CHANGE_FALLEN;
+        let weights = reaches(CHANGE_PHASE | CHANGE_ALBEDO);
+        let all = weights || self.even && reaches(extinction);
+        self.params.changed = words(query.mask(extinction, &scene.bins));
+        self.params.stay = (!weights).into();
         self.moved.clear();
         for i in 0..total {
             let batch = &map.batches[i];

@@ -75,7 +75,8 @@ impl Points {
         (part, kept): (&Part, Option<&WorkList>),
     ) -> Result<[Moved; 2]> {
         let count = part.points.count;
-        let params = PointsParams { all: kept.is_none().into(), ..self.params(count) };
+        let stay = if batch.any_repowered { 0 } else { self.params.stay };
+        let params = PointsParams { all: kept.is_none().into(), stay, ..self.params(count) };
         let seen = gpu.buffer::<[f32; 4]>("point lights", count as usize)?;
         let (went, came) = (WorkList::new(gpu, count)?, WorkList::new(gpu, count)?);
         let mut bindings = [scene.bindings(), part.bindings(batch)].concat();

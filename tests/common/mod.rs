@@ -1,6 +1,7 @@
 //! What several tests share.
 #![allow(dead_code)]
 
+pub mod draws;
 pub mod oracle;
 pub mod snapshot;
 pub mod world;
