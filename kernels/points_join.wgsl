@@ -3,7 +3,7 @@
 // of the same key, too.
 
 import package::shared::item::item_index;
-import package::shared::points::PointsParams;
+import package::shared::points::{Change, PointsParams};
 import package::constants::GROUP;
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
@@ -11,10 +11,10 @@ import package::constants::GROUP;
 @group(0) @binding(9) var<storage, read> lists: array<u32>;
 @group(0) @binding(10) var<storage, read> taken_keys: array<u32>;
 @group(0) @binding(11) var<storage, read> taken_places: array<vec4<u32>>;
-@group(0) @binding(12) var<storage, read> taken_lights: array<vec4<f32>>;
+@group(0) @binding(12) var<storage, read> taken_lights: array<Change>;
 @group(0) @binding(13) var<storage, read_write> keys: array<u32>;
 @group(0) @binding(14) var<storage, read_write> point_places: array<vec4<u32>>;
-@group(0) @binding(15) var<storage, read_write> point_lights: array<vec4<f32>>;
+@group(0) @binding(15) var<storage, read_write> point_lights: array<Change>;
 
 @compute @workgroup_size(GROUP)
 fn main(

@@ -16,7 +16,7 @@ import package::constants::{GROUP, MEAN_BLOCK};
 @if(history) @group(0) @binding(13) var<storage, read_write> mean_histories: array<vec2<u32>>;
 @if(!fresh) @group(0) @binding(15) var<storage, read> kept: array<u32>;
 // Points whose mean changed are marked here, where others need not be looked at.
-@if(!fresh) @group(0) @binding(16) var<storage, read_write> came: array<atomic<u32>>;
+@if(!fresh) @group(0) @binding(16) var<storage, read_write> changed: array<atomic<u32>>;
 
 // Taps of the mean: two shells of a Fibonacci lattice over the ball, of equal volume
 // each, and the photon's own entry.
@@ -71,7 +71,7 @@ fn find_mean(point: u32) {
     let mean = total / f32(2u * SHELL + 1u);
     @if(!fresh) {
         if bitcast<u32>(mean) != bitcast<u32>(means[point]) {
-            atomicOr(&came[point / 32u], 1u << (point % 32u));
+            atomicOr(&changed[point / 32u], 1u << (point % 32u));
         }
     }
     means[point] = mean;

@@ -1,6 +1,6 @@
 // The light of each point, its contribution: scatter * colour of its own entry * power *
 // kernel. One that is not where it was is dark. Where the light is not what it was, that is
-// noted, and whether some went and some came: segments have seen it.
+// noted: segments have seen it.
 //
 // `even` also divides by the mean extinction around it, so that what is blurred is
 // fluence, which is smooth, and not collision density, which is not.
@@ -19,8 +19,7 @@ import package::constants::GROUP;
 @if(even) @group(0) @binding(12) var<storage, read> means: array<f32>;
 @if(!fresh) @group(0) @binding(13) var<storage, read> kept: array<u32>;
 @if(!fresh) @group(0) @binding(14) var<storage, read_write> seen_lights: array<vec4<f32>>;
-@if(!fresh) @group(0) @binding(15) var<storage, read_write> went: array<atomic<u32>>;
-@if(!fresh) @group(0) @binding(16) var<storage, read_write> came: array<atomic<u32>>;
+@if(!fresh) @group(0) @binding(16) var<storage, read_write> changed: array<atomic<u32>>;
 
 fn light_of(point: u32) -> vec4<f32> {
     let slot = slot_of(vec4<u32>(0u), states[slots[point]]);
@@ -49,18 +48,17 @@ fn renew(point: u32) {
     let bit = 1u << (point % 32u);
     let is_kept = params.all == 1u || extractBits(kept[word], point % 32u, 1u) == 1u;
     // A mean that changed has marked its point.
-    if params.stay == 1u && is_kept && (atomicLoad(&came[word]) & bit) == 0u { return; }
+    if params.stay == 1u && is_kept && (atomicLoad(&changed[word]) & bit) == 0u { return; }
     var light = vec4<f32>(0.0);
     if is_kept { light = light_of(point); }
     let seen = point_lights[point];
     let differs = any(bitcast<vec4<u32>>(seen) != bitcast<vec4<u32>>(light));
-    if differs && any(light.rgb > vec3<f32>(0.0)) {
-        atomicOr(&came[word], bit);
+    if differs && any(max(seen.rgb, light.rgb) > vec3<f32>(0.0)) {
+        atomicOr(&changed[word], bit);
     } else {
-        atomicAnd(&came[word], ~bit);
+        atomicAnd(&changed[word], ~bit);
     }
     if !differs { return; }
-    if any(seen.rgb > vec3<f32>(0.0)) { atomicOr(&went[word], bit); }
     seen_lights[point] = seen;
     point_lights[point] = light;
 }

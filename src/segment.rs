@@ -2,9 +2,9 @@
 //!
 //! A ray is cut into V_n uniform segments between its entry to the volume's bounds and
 //! its exit; each has its own light, transmittance and history. Its light is a colour, 24
-//! bytes in all, or, from the points light field, integer sums, 32 bytes: what points that
-//! went have given is then taken out of them, and what came is added, and nothing else
-//! is gathered again.
+//! bytes in all, or, from the points light field, integer sums, 32 bytes: what points gave
+//! whose light changed is then taken out of them, and what they give is added, and nothing
+//! else is gathered again.
 
 use std::sync::Arc;
 
@@ -202,6 +202,8 @@ pub struct SegmentMap {
     bands: Vec<Band>,
     film: wgpu::Buffer,
     segment: Arc<Kernel>,
+    /// Takes out what was seen, and adds what is there now.
+    correct: Arc<Kernel>,
     query: Arc<Kernel>,
     composite: Arc<Kernel>,
     gather_pace: Pace,
@@ -276,7 +278,8 @@ impl SegmentMap {
             strata: strata(rays),
             bands,
             film: gpu.buffer::<[f32; 4]>("film", pixels)?,
-            segment: segment_kernel(gpu, device, field)?,
+            segment: segment_kernel(gpu, device, field, false)?,
+            correct: segment_kernel(gpu, device, field, true)?,
             query: gpu.kernel("segment_query", &[])?,
             composite: gpu.kernel(
                 "composite",
@@ -297,7 +300,8 @@ impl SegmentMap {
         device: &DeviceScene,
         field: &LightField,
     ) -> Result<()> {
-        self.segment = segment_kernel(gpu, device, field)?;
+        self.segment = segment_kernel(gpu, device, field, false)?;
+        self.correct = segment_kernel(gpu, device, field, true)?;
         Ok(())
     }
 
@@ -441,8 +445,8 @@ impl SegmentMap {
         }
     }
 
-    /// Takes the points that went out of the listed segments of a band, and adds those that
-    /// came. Returns how many segments there are.
+    /// Takes the light that points had out of the listed segments of a band, and adds what they
+    /// have now. Returns how many segments there are.
     fn correct(
         &self,
         stage: &SegmentStage,
@@ -475,6 +479,10 @@ impl SegmentMap {
     ) -> Result<()> {
         let band = &self.bands[band];
         let count = u64::from(band.list.count);
+        let (kernel, pace) = match begins {
+            1 => (&self.segment, &self.gather_pace),
+            _ => (&self.correct, &self.correct_pace),
+        };
         for (i, run) in runs.iter().enumerate() {
             let mut bindings = [stage.device.bindings(), run.bindings.clone()].concat();
             bindings.extend([
@@ -499,9 +507,8 @@ impl SegmentMap {
                     let (first_item, items) =
                         (range.start as u32, (range.end - range.start) as u32);
                     let params = SegmentParams { first_item, items, ..params };
-                    slice.dispatch(&self.segment, items.into(), &bindings, &params)
+                    slice.dispatch(kernel, items.into(), &bindings, &params)
                 };
-                let pace = if begins == 1 { &self.gather_pace } else { &self.correct_pace };
                 stage.gpu.sliced("segment", count, pace, work, &mut |_| ())?;
             }
         }
@@ -581,7 +588,13 @@ impl SegmentMap {
     }
 }
 
-fn segment_kernel(gpu: &Gpu, device: &DeviceScene, field: &LightField) -> Result<Arc<Kernel>> {
+/// The kernel that gathers all light, or `changes` of points.
+fn segment_kernel(
+    gpu: &Gpu,
+    device: &DeviceScene,
+    field: &LightField,
+    changes: bool,
+) -> Result<Arc<Kernel>> {
     let mut flags = device.flags(&[
         "nearest",
         "float_voxels",
@@ -593,7 +606,10 @@ fn segment_kernel(gpu: &Gpu, device: &DeviceScene, field: &LightField) -> Result
     ]);
     match field {
         LightField::Fluence(_) => flags.push("fluence"),
-        LightField::Points(points) => flags.extend(points.even.then_some("even")),
+        LightField::Points(points) => {
+            flags.extend(points.even.then_some("even"));
+            flags.extend(changes.then_some("changes"));
+        }
     }
     gpu.kernel("segment", &flags)
 }

@@ -12,12 +12,19 @@ struct PointsParams {
     buckets: u32,
     kernel: f32,           // 1 / (4/3 pi r^3)
     first: u32,            // place of the first that is taken; of merged ones, how many are kept
-    sign: f32,             // -1: what is taken has gone
+    had: u32,              // 1: segments have seen light of what is taken
     step: u32,             // buckets from one that is looked for to the next; 0: far apart
     all: u32,              // 1: of all slots, not of those that moved
     changed: vec2<u32>,    // bins whose extinction changed since
     stay: u32,             // 1: a point that is where it was has other light only if its mean changed
-    pad: u32,
+    has: u32,              // 1: what is taken has light
+}
+
+// The light of a point that segments have seen, and the one that it has now: dark where it
+// was not there, or is not any more.
+struct Change {
+    seen: vec4<f32>,
+    now: vec4<f32>,
 }
 
 // An order's bit for the second of two arrays that items are from.

@@ -1,18 +1,21 @@
 // In-scattered light at a march sample from the points light field: every photon in
-// the sphere of the gather radius, H(8), as rounded integers. The light of a photon that
-// has gone counts negative, and is taken out.
+// the sphere of the gather radius, H(8), as rounded integers. Of `changes`, the light that
+// was seen is taken out, rounded as it was.
 
 import package::shared::counter::expect;
 import package::shared::phase::phase;
+@if(changes) import package::shared::points::Change;
 import package::shared::points::{PointsParams, points_cell, points_key};
 import package::shared::segment::SegmentParams;
 import package::shared::segment_sums::Sums;
 import package::shared::slot::unpack_direction;
-import package::shared::sum64::{rounded, merged};
+@if(changes) import package::shared::sum64::taken_out;
+import package::shared::sum64::{rounded, added};
 
 @group(0) @binding(11) var<uniform> field: PointsParams;
 @group(0) @binding(12) var<storage, read> point_places: array<vec4<u32>>;
-@group(0) @binding(13) var<storage, read> point_lights: array<vec4<f32>>;
+@if(changes) @group(0) @binding(13) var<storage, read> point_lights: array<Change>;
+@if(!changes) @group(0) @binding(13) var<storage, read> point_lights: array<vec4<f32>>;
 @group(0) @binding(14) var<storage, read> starts: array<u32>;
 
 // Light gathered so far, in the units of the sums.
@@ -38,22 +41,39 @@ fn with_point(i: u32, q: Query, so_far: Gathered) -> Gathered {
     let away = bitcast<vec3<f32>>(place.xyz) - q.point;
     if dot(away, away) >= field.radius * field.radius { return so_far; }
     let light = point_lights[i];
+    var sum = so_far;
+    @if(changes) {
+        let seen = share_of(light.seen, place.w, q);
+        sum.sums.red = taken_out(sum.sums.red, seen.value.r);
+        sum.sums.green = taken_out(sum.sums.green, seen.value.g);
+        sum.sums.blue = taken_out(sum.sums.blue, seen.value.b);
+    }
+    @if(changes) let share = share_of(light.now, place.w, q);
+    @if(!changes) let share = share_of(light, place.w, q);
+    sum.sums.red = added(sum.sums.red, share.value.r);
+    sum.sums.green = added(sum.sums.green, share.value.g);
+    sum.sums.blue = added(sum.sums.blue, share.value.b);
+    sum.clamped += share.clamped;
+    return sum;
+}
+
+struct Share {
+    value: vec3<u32>,
+    clamped: u32,    // of its components
+}
+
+// What a point of this light and direction adds.
+fn share_of(light: vec4<f32>, direction: u32, q: Query) -> Share {
     var share = light.rgb * q.weight;
     @if(anisotropic) {
-        share *= phase(light.a, dot(unpack_direction(place.w), q.toward));
+        share *= phase(light.a, dot(unpack_direction(direction), q.toward));
     }
-    let r = rounded(abs(share.r));
-    let g = rounded(abs(share.g));
-    let b = rounded(abs(share.b));
-    let gone = any(light.rgb < vec3<f32>(0.0));
-    return Gathered(
-        Sums(
-            merged(so_far.sums.red, r.value, gone),
-            merged(so_far.sums.green, g.value, gone),
-            merged(so_far.sums.blue, b.value, gone)
-        ),
-        so_far.clamped + u32(r.clamped) + u32(g.clamped) + u32(b.clamped),
-        so_far.tested
+    let r = rounded(share.r);
+    let g = rounded(share.g);
+    let b = rounded(share.b);
+    return Share(
+        vec3<u32>(r.value, g.value, b.value),
+        u32(r.clamped) + u32(g.clamped) + u32(b.clamped)
     );
 }
 

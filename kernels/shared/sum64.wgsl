@@ -13,11 +13,13 @@ fn rounded(contribution: f32) -> Rounded {
     return Rounded(u32(clamp(contribution + 0.5, 0.0, LARGEST)), !(contribution < LARGEST));
 }
 
-// A sum with a value added, or taken out.
-fn merged(sum: vec2<u32>, value: u32, out: bool) -> vec2<u32> {
-    if out { return vec2<u32>(sum.x - value, sum.y - select(0u, 1u, sum.x < value)); }
+fn added(sum: vec2<u32>, value: u32) -> vec2<u32> {
     let low = sum.x + value;
     return vec2<u32>(low, sum.y + select(0u, 1u, low < value));
+}
+
+fn taken_out(sum: vec2<u32>, value: u32) -> vec2<u32> {
+    return vec2<u32>(sum.x - value, sum.y - select(0u, 1u, sum.x < value));
 }
 
 fn total(sum: vec2<u32>, more: vec2<u32>) -> vec2<u32> {

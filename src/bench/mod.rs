@@ -54,9 +54,9 @@ fn warm(gpu: &Gpu, frame: &mut PhotonFrame, progress: &mut Progress) -> Result<(
     Ok(())
 }
 
-const WARM_UP: Duration = Duration::from_millis(500);
+const WARM_UP: Duration = Duration::from_millis(200);
 
-/// An edit, applied and undone `runs` times over.
+/// An edit, applied and undone `runs` times over, on a device that is warm from rebuilds.
 struct Edited {
     /// What the first did: later ones may meet tighter histories.
     updated: Updated,
@@ -71,7 +71,6 @@ fn edited(
     runs: usize,
     progress: &mut Progress,
 ) -> Result<Edited> {
-    warm(gpu, frame, progress)?;
     let mut costs = Vec::new();
     let mut first = None;
     for _ in 0..runs {

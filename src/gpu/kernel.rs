@@ -51,6 +51,7 @@ pub const KERNELS: &[(&str, &[&str])] = &[
         "segment",
         &[
             "fluence",
+            "changes",
             "even",
             "anisotropic",
             "nearest",

@@ -1,7 +1,8 @@
 //! What a build of the points changed, for segments to correct their sums by.
 //!
-//! Points that went, with negative light, and points that came are listed, joined in one order,
-//! and gathered as any others are. Where they are many, segments gather all points anew.
+//! Points whose light changed, be it that they came or went, are listed with the light that
+//! segments have seen and the light that they have now, joined in one order, and gathered once.
+//! Where they are many, segments gather all points anew.
 
 use super::{Part, Points, PointsParams, Sorted};
 use crate::counter::CounterBuffer;
@@ -14,41 +15,43 @@ use crate::work::WorkList;
 pub(super) enum Changes {
     /// Nothing.
     None,
-    /// What went, with negative light, and what came.
+    /// Points with the light that was seen and the light that they have.
     Listed(Sorted),
     /// So much that all is to be gathered anew.
     TooMany,
 }
 
-/// Points that may have gone (sign -1) or come (1).
+/// Points whose light may have changed.
 pub(super) struct Moved {
     count: u32,
     keys: wgpu::Buffer,
     places: wgpu::Buffer,
-    lights: wgpu::Buffer,
-    sign: f32,
-    /// Those of them that did; `None`: all.
+    /// The light that was seen, and that of now; `None`: dark.
+    lights: [Option<wgpu::Buffer>; 2],
+    /// Those whose light did; `None`: all.
     marked: Option<WorkList>,
 }
 
 impl Moved {
-    /// All points of a part.
-    pub(super) fn all(part: &Part, sign: f32) -> Self {
-        Self::new(part, &part.points.lights, sign, None)
+    /// All points of a part that went.
+    pub(super) fn gone(part: &Part) -> Self {
+        Self::new(part, [Some(&part.points.lights), None], None)
+    }
+
+    /// All points of a part that came.
+    pub(super) fn come(part: &Part) -> Self {
+        Self::new(part, [None, Some(&part.points.lights)], None)
     }
 
     /// Those whose light is not what was `seen`, as marked.
-    pub(super) fn some(part: &Part, seen: &wgpu::Buffer, [went, came]: [WorkList; 2]) -> [Self; 2] {
-        [
-            Self::new(part, seen, -1.0, Some(went)),
-            Self::new(part, &part.points.lights, 1.0, Some(came)),
-        ]
+    pub(super) fn some(part: &Part, seen: &wgpu::Buffer, marked: WorkList) -> Self {
+        Self::new(part, [Some(seen), Some(&part.points.lights)], Some(marked))
     }
 
-    fn new(part: &Part, lights: &wgpu::Buffer, sign: f32, marked: Option<WorkList>) -> Self {
+    fn new(part: &Part, lights: [Option<&wgpu::Buffer>; 2], marked: Option<WorkList>) -> Self {
         let Sorted { count, keys, places, .. } = &part.points;
         let (keys, places) = (keys.clone(), places.clone());
-        Self { count: *count, keys, places, lights: lights.clone(), sign, marked }
+        Self { count: *count, keys, places, lights: lights.map(|l| l.cloned()), marked }
     }
 
     fn list(&mut self, gpu: &Gpu) -> Result<WorkList> {
@@ -63,12 +66,12 @@ impl Moved {
     }
 }
 
-/// With a list of those that did.
+/// With a list of those whose light did.
 type Listed = (Moved, WorkList);
 
 impl Points {
-    /// Finds which points came and which went in the last build, and marks where light
-    /// changed. Returns how many points went and came; those of another light did both.
+    /// Finds the points whose light changed in the last build, those that came and went among
+    /// them, and marks where it did. Returns how many they are.
     ///
     /// # Errors
     /// The device failed, or ended the loops that mark what is around a point.
@@ -103,16 +106,16 @@ impl Points {
         Ok(())
     }
 
-    /// Takes the listed points, unless to gather all points anew is cheaper: those that
-    /// changed lie close together as a rule, so they are denser around what they touch than
-    /// their share tells.
+    /// Takes the listed points, unless to gather all points anew is cheaper, which was measured
+    /// to be so from 70 % on: those that changed lie close together as a rule, so they are denser
+    /// around what they touch than their share tells.
     fn found(&self, gpu: &Gpu, listed: &[Listed]) -> Result<Changes> {
         let total: u64 = listed.iter().map(|(_, list)| u64::from(list.count)).sum();
         let all = self.count();
-        let fits = total * size_of::<[u32; 4]>() as u64 <= gpu.max_binding();
+        let fits = total * size_of::<[[f32; 4]; 2]>() as u64 <= gpu.max_binding();
         match total {
             0 => Ok(Changes::None),
-            _ if 2 * total >= all || !fits => Ok(Changes::TooMany),
+            _ if 10 * total >= 7 * all || !fits => Ok(Changes::TooMany),
             _ => Ok(Changes::Listed(self.taken(gpu, listed, total as u32)?)),
         }
     }
@@ -122,27 +125,33 @@ impl Points {
         let words = |stage: &'static str| gpu.buffer::<u32>(stage, total as usize);
         let keys = words("points keys")?;
         let places = gpu.buffer::<[u32; 4]>("point places", total as usize)?;
-        let lights = gpu.buffer::<[f32; 4]>("point lights", total as usize)?;
+        let pairs = |stage: &'static str| gpu.buffer::<[[f32; 4]; 2]>(stage, total as usize);
+        let lights = pairs("point lights")?;
         let mut lists = vec![0];
         for (moved, list) in listed.iter().filter(|(_, list)| list.count > 0) {
+            let [seen, now] = moved.lights.each_ref().map(Option::as_ref);
+            let none = &self.none.lights;
             let bindings = [
                 ("work", (&list.items).into()),
                 ("keys", (&moved.keys).into()),
                 ("point_places", (&moved.places).into()),
-                ("point_lights", (&moved.lights).into()),
+                ("seen_lights", seen.unwrap_or(none).into()),
+                ("point_lights", now.unwrap_or(none).into()),
                 ("taken_keys", (&keys).into()),
                 ("taken_places", (&places).into()),
                 ("taken_lights", (&lights).into()),
             ];
             let first = lists[lists.len() - 1];
-            let params = PointsParams { first, sign: moved.sign, ..self.params(list.count) };
+            let [had, has] = [seen, now].map(|light| light.is_some().into());
+            let params = PointsParams { first, had, has, ..self.params(list.count) };
             let mut stage = gpu.stage("points_take");
             stage.dispatch(&self.take, list.count.into(), &bindings, &params)?;
             stage.finish()?;
             lists.push(first + list.count);
         }
         let lists = gpu.upload("points lists", &lists)?;
-        let sorted = Sorted::new(gpu, words("points keys")?, total, &self.params)?;
+        let [keys_now, lights_now] = [words("points keys")?, pairs("point lights")?];
+        let sorted = Sorted::of(gpu, keys_now, lights_now, (total, &self.params))?;
         let mut bindings = sorted.bindings();
         bindings.extend([
             ("lists", (&lists).into()),

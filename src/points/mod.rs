@@ -7,9 +7,9 @@
 //! however small the radius.
 //!
 //! An update leaves points in their order. Those that went are dropped, those that came are
-//! sorted by themselves and merged with the others. What went and what came is known on the
-//! way (`changes`), so that segments take the ones out and add the others, and gather
-//! nothing else.
+//! sorted by themselves and merged with the others. Whose light changed is known on the way
+//! (`changes`), so that segments take the old light out and add the new, and gather nothing
+//! else.
 
 mod changes;
 mod refresh;
@@ -55,8 +55,8 @@ shared_struct! {
         pub kernel: f32,
         /// Place of the first point that is taken; of merged ones, how many are kept.
         pub first: u32,
-        /// -1 where what is taken has gone.
-        pub sign: f32,
+        /// 1 where segments have seen light of what is taken.
+        pub had: u32,
         /// Buckets from one whose begin is looked for to the next; 0: far apart, among all.
         pub step: u32,
         /// 1 where it is of all slots, or of all points; 0 where of those that moved, or stay.
@@ -65,8 +65,8 @@ shared_struct! {
         pub changed: [u32; 2],
         /// 1 where a point that is where it was has other light only if its mean changed.
         pub stay: u32,
-        /// Keeps the size a multiple of 16.
-        pub pad: u32,
+        /// 1 where what is taken has light.
+        pub has: u32,
     }
 }
 
@@ -82,11 +82,21 @@ struct Sorted {
 
 impl Sorted {
     fn new(gpu: &Gpu, keys: wgpu::Buffer, count: u32, params: &PointsParams) -> Result<Self> {
+        let lights = gpu.buffer::<[f32; 4]>("point lights", count as usize)?;
+        Self::of(gpu, keys, lights, (count, params))
+    }
+
+    fn of(
+        gpu: &Gpu,
+        keys: wgpu::Buffer,
+        lights: wgpu::Buffer,
+        (count, params): (u32, &PointsParams),
+    ) -> Result<Self> {
         Ok(Self {
             count,
             keys,
             places: gpu.buffer::<[u32; 4]>("point places", count as usize)?,
-            lights: gpu.buffer::<[f32; 4]>("point lights", count as usize)?,
+            lights,
             starts: gpu.buffer::<u32>("points starts", params.buckets as usize + 1)?,
             field: gpu.upload("points field", &[PointsParams { count, ..*params }])?,
         })
@@ -168,7 +178,7 @@ pub struct Points {
     batches: Vec<SortedBatch>,
     /// What the last build changed.
     moved: Vec<Moved>,
-    /// What went and came since all segments were computed.
+    /// Whose light changed since all segments were computed.
     changes: Changes,
     /// Means have histories.
     history: bool,
@@ -303,7 +313,7 @@ impl Points {
                 Some(own) => self.refreshed(gpu, scene, (map, batch), own)?,
                 None => {
                     let now = self.sorted(gpu, scene, (map, batch))?;
-                    self.moved.push(Moved::all(&now.part, 1.0));
+                    self.moved.push(Moved::come(&now.part));
                     now
                 }
             };
@@ -311,7 +321,7 @@ impl Points {
             map.batches[i].settle(gpu)?;
             progress.at("sort", i as u64 + 1, total as u64);
         }
-        self.moved.extend(before.iter().map(|gone| Moved::all(&gone.part, -1.0)));
+        self.moved.extend(before.iter().map(|gone| Moved::gone(&gone.part)));
         self.unsettled |= !self.moved.is_empty();
         Ok(())
     }
@@ -455,8 +465,8 @@ impl Points {
         }
     }
 
-    /// What went and what came since all segments were computed; `None` where all points are
-    /// to be gathered anew.
+    /// The points whose light changed since all segments were computed, with old and new light;
+    /// `None` where all points are to be gathered anew.
     pub(crate) fn changes(&self) -> Option<Vec<Run<'_>>> {
         match &self.changes {
             Changes::None => Some(Vec::new()),
@@ -486,13 +496,13 @@ impl Points {
     }
 
     /// Bytes that an update takes beside the points, at most: work lists of slots, of points
-    /// that are kept, that went and that came, at 4.25 bytes an item; the light that points had
-    /// before; half of them sorted by themselves, all of them merged, and their order; and what
-    /// went and came, half as many as there are points, twice.
+    /// that are kept and whose light changed, at 4.25 bytes an item; the light that points had
+    /// before; half of them sorted by themselves, all of them merged, and their order; and those
+    /// whose light changed, at most 70 % as many as there are points, twice.
     pub fn update_bytes(&self) -> u64 {
         let slots: u64 = self.batches.iter().map(|batch| u64::from(batch.all_slots)).sum();
         let points = self.count();
-        (17 * slots + 3 * 17 * points) / 4 + (16 + 4 + 36) * points + self.bytes() * 3 / 2
+        (17 * slots + 2 * 17 * points) / 4 + (16 + 4 + 73) * points + self.bytes() * 3 / 2
     }
 
     /// Bytes of the sorted points and their tables.

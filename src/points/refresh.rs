@@ -20,7 +20,7 @@ impl Points {
         mut own: SortedBatch,
     ) -> Result<SortedBatch> {
         if !batch.any_moved {
-            self.moved.extend(self.refresh(gpu, scene, batch, (&own.part, None))?);
+            self.moved.push(self.refresh(gpu, scene, batch, (&own.part, None))?);
             return Ok(own);
         }
         let kept = self.kept(gpu, batch, &own.part)?;
@@ -28,12 +28,12 @@ impl Points {
         new.compact(gpu.stage("list"), None)?;
         if self.is_sorting_cheaper(new.count, kept.count) {
             let now = self.sorted(gpu, scene, (map, batch))?;
-            self.moved.extend([Moved::all(&own.part, -1.0), Moved::all(&now.part, 1.0)]);
+            self.moved.extend([Moved::gone(&own.part), Moved::come(&now.part)]);
             return Ok(now);
         }
-        self.moved.extend(self.refresh(gpu, scene, batch, (&own.part, Some(&kept)))?);
+        self.moved.push(self.refresh(gpu, scene, batch, (&own.part, Some(&kept)))?);
         let new = self.part(gpu, scene, batch, (&new, 0))?;
-        self.moved.push(Moved::all(&new, 1.0));
+        self.moved.push(Moved::come(&new));
         own.part = self.merged(gpu, (&own.part, &kept), &new)?;
         Ok(own)
     }
@@ -73,28 +73,26 @@ impl Points {
         scene: &DeviceScene,
         batch: &Batch,
         (part, kept): (&Part, Option<&WorkList>),
-    ) -> Result<[Moved; 2]> {
+    ) -> Result<Moved> {
         let count = part.points.count;
         let stay = if batch.any_repowered { 0 } else { self.params.stay };
         let params = PointsParams { all: kept.is_none().into(), stay, ..self.params(count) };
         let seen = gpu.buffer::<[f32; 4]>("point lights", count as usize)?;
-        let (went, came) = (WorkList::new(gpu, count)?, WorkList::new(gpu, count)?);
+        let changed = WorkList::new(gpu, count)?;
         let mut bindings = [scene.bindings(), part.bindings(batch)].concat();
         bindings.extend([
             ("kept", kept.map_or(&self.none.starts, |kept| &kept.marks).into()),
             ("seen_lights", (&seen).into()),
-            ("went", (&went.marks).into()),
-            ("came", (&came.marks).into()),
+            ("changed", (&changed.marks).into()),
         ]);
         let mut stage = gpu.stage("points_record");
-        went.unmark(&mut stage);
-        came.unmark(&mut stage);
+        changed.unmark(&mut stage);
         if self.even && params.changed != [0, 0] {
             stage.dispatch(&self.mean[0], mean_threads(count), &bindings, &params)?;
         }
         stage.dispatch(&self.record[0], count.into(), &bindings, &params)?;
         stage.finish()?;
-        Ok(Moved::some(part, &seen, [went, came]))
+        Ok(Moved::some(part, &seen, changed))
     }
 
     /// Points that are kept and new ones.
