@@ -74,7 +74,7 @@ pub struct Updated {
     pub photons: u64,
     /// Photons that were traced or weighed again.
     pub listed: u64,
-    /// Points whose light changed, those that went and those that came among them; 0 where
+    /// Lights of points that were taken out and put in, both for a point of other light; 0 where
     /// segments do not ask for light.
     pub points: u64,
     /// Segments computed again.

@@ -21,6 +21,7 @@ const LAYOUTS: &[Layout] = &[
     fluence::ResolveParams::LAYOUT,
     fluence::FluenceParams::LAYOUT,
     points::PointsParams::LAYOUT,
+    points::Change::LAYOUT,
     segment::SegmentParams::LAYOUT,
     segment::CompositeParams::LAYOUT,
     reference::ReferenceParams::LAYOUT,

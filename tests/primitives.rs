@@ -2,10 +2,19 @@
 
 mod common;
 
-use common::gpu;
+use std::mem::offset_of;
+
+use common::{gpu, truth_scene};
+use photogram::counter::{COUNTER_STRIPES, CounterBuffer, Counters};
+use photogram::dirty::Dirty;
+use photogram::frame::DeviceScene;
 use photogram::gpu::scan::Scanner;
 use photogram::gpu::sort::Sorter;
 use photogram::light::hash;
+use photogram::render::{Progress, Split};
+use photogram::scene::Spatial;
+use photogram::segment::SegmentStage;
+use photogram::update::PhotonFrame;
 use photogram::work::WorkList;
 
 /// About the edges of work groups and blocks, and over the square of a block.
@@ -201,4 +210,36 @@ fn writes_wait_for_what_was_recorded_before() {
     gpu().write(&from, &[2_u32; 64]);
     assert_eq!(fetched(&to), [1; 64]);
     assert_eq!(fetched(&from), [2; 64]);
+}
+
+/// Counters are sums of many parts, each of two words: counted from where every low word is
+/// about to overflow, they count as much.
+#[test]
+fn counts_carry_into_the_upper_words() {
+    let (mut scene, volume) = truth_scene("ball_single");
+    (scene.camera.width, scene.camera.height, scene.settings.photons) = (16, 16, 100);
+    let device = DeviceScene::new(gpu(), &scene, &volume).expect("uploads");
+    let mut frame = PhotonFrame::new(gpu(), &scene, device, 1, &Split::default()).expect("fits");
+    frame.rebuild(gpu(), &Split::default(), &mut Progress::silent()).expect("rebuilds");
+    let PhotonFrame { scene: device, field, segments, .. } = &mut frame;
+    let dirty = Dirty::new(gpu(), device, 0.0, Spatial::Exact).expect("fits");
+    let mut counted = |counters: &CounterBuffer| {
+        let before = counters.read(gpu()).expect("reads").samples;
+        let stage = SegmentStage { gpu: gpu(), device, field, dirty: &dirty, counters };
+        segments.restart();
+        let silent = &mut Progress::silent();
+        segments.update(&stage, u64::MAX, &Split::default(), silent).expect("computes");
+        counters.read(gpu()).expect("reads").samples - before
+    };
+    let counters = CounterBuffer::new(gpu()).expect("fits");
+    let samples = counted(&counters);
+    assert!(samples > 1000, "{samples}");
+    // Parts lie counter by counter, all low words of one before its upper words.
+    let words = counters.buffer().size() as usize / 4;
+    let parts = COUNTER_STRIPES as usize;
+    let low = 2 * parts * (offset_of!(Counters, samples) / size_of::<u64>());
+    let mut full = vec![0; words];
+    full[low..low + parts].fill(u32::MAX);
+    gpu().write(counters.buffer(), &full);
+    assert_eq!(counted(&counters), samples);
 }

@@ -20,10 +20,9 @@ struct PointsParams {
     has: u32,              // 1: what is taken has light
 }
 
-// The light of a point that segments have seen, and the one that it has now: dark where it
-// was not there, or is not any more.
+// The light of a point, its colour and g: dark where it was not there, or is not any more.
 struct Change {
-    seen: vec4<f32>,
+    seen: vec4<f32>,    // by segments
     now: vec4<f32>,
 }
 

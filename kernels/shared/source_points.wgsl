@@ -98,15 +98,12 @@ fn gather(
     let cell = points_cell(point, field);
     let at = point / field.radius;
     // Where the points of each row are, all asked for before any is looked at.
-    var begins: array<u32, ROWS>;
-    var ends: array<u32, ROWS>;
+    var runs: array<vec2<u32>, ROWS>;
     var rows = 0u;
     let widest = vec2(max(cell.x - 1, 0), min(cell.x + 1, i32(field.grid.x) - 1));
     for (var n = 0u; n < ROWS; n++) {
         let row = cell.yz + vec2<i32>(vec2<u32>(n % 3u, n / 3u)) - 1;
         if any(row < vec2<i32>(0)) || any(row >= vec2<i32>(field.grid.yz)) { continue; }
-        var run = points_between(params, widest, row);
-        if run.x >= run.y { continue; }
         // Only the cells of the row that the sphere reaches, and a little more for rounding.
         let beside = vec2<f32>(row) - at.yz;
         let apart = max(max(beside, -beside - 1.0) - SLACK, vec2<f32>(0.0));
@@ -115,10 +112,9 @@ fn gather(
         let half = sqrt(reach) + SLACK;
         let least = i32(floor(at.x - half));
         let most = i32(floor(at.x + half));
-        run = points_between(params, clamp(vec2(least, most), widest.xx, widest.yy), row);
+        let run = points_between(params, clamp(vec2(least, most), widest.xx, widest.yy), row);
         if run.x < run.y {
-            begins[rows] = run.x;
-            ends[rows] = run.y;
+            runs[rows] = run;
             rows++;
             sum.tested += run.y - run.x;
         }
@@ -129,8 +125,8 @@ fn gather(
     var row = 0u;
     while i < q.end || row < rows {
         if i >= q.end {
-            i = begins[row];
-            q.end = ends[row];
+            i = runs[row].x;
+            q.end = runs[row].y;
             row++;
         }
         sum = with_point(i, q, sum);

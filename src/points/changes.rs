@@ -4,7 +4,7 @@
 //! segments have seen and the light that they have now, joined in one order, and gathered once.
 //! Where they are many, segments gather all points anew.
 
-use super::{Part, Points, PointsParams, Sorted};
+use super::{Change, Part, Points, PointsParams, Sorted};
 use crate::counter::CounterBuffer;
 use crate::dirty::Dirty;
 use crate::error::Result;
@@ -30,28 +30,34 @@ pub(super) struct Moved {
     lights: [Option<wgpu::Buffer>; 2],
     /// Those whose light did; `None`: all.
     marked: Option<WorkList>,
+    /// Points that are where they were, and may have old light and new.
+    kept: u32,
 }
 
 impl Moved {
     /// All points of a part that went.
     pub(super) fn gone(part: &Part) -> Self {
-        Self::new(part, [Some(&part.points.lights), None], None)
+        Self::new(part, [Some(&part.points.lights), None], (None, 0))
     }
 
     /// All points of a part that came.
     pub(super) fn come(part: &Part) -> Self {
-        Self::new(part, [None, Some(&part.points.lights)], None)
+        Self::new(part, [None, Some(&part.points.lights)], (None, 0))
     }
 
-    /// Those whose light is not what was `seen`, as marked.
-    pub(super) fn some(part: &Part, seen: &wgpu::Buffer, marked: WorkList) -> Self {
-        Self::new(part, [Some(seen), Some(&part.points.lights)], Some(marked))
+    /// Those whose light is not what was `seen`, as marked; so many are kept.
+    pub(super) fn some(part: &Part, seen: &wgpu::Buffer, marked: WorkList, kept: u32) -> Self {
+        Self::new(part, [Some(seen), Some(&part.points.lights)], (Some(marked), kept))
     }
 
-    fn new(part: &Part, lights: [Option<&wgpu::Buffer>; 2], marked: Option<WorkList>) -> Self {
+    fn new(
+        part: &Part,
+        lights: [Option<&wgpu::Buffer>; 2],
+        (marked, kept): (Option<WorkList>, u32),
+    ) -> Self {
         let Sorted { count, keys, places, .. } = &part.points;
         let (keys, places) = (keys.clone(), places.clone());
-        Self { count: *count, keys, places, lights: lights.map(|l| l.cloned()), marked }
+        Self { count: *count, keys, places, lights: lights.map(|l| l.cloned()), marked, kept }
     }
 
     fn list(&mut self, gpu: &Gpu) -> Result<WorkList> {
@@ -71,7 +77,8 @@ type Listed = (Moved, WorkList);
 
 impl Points {
     /// Finds the points whose light changed in the last build, those that came and went among
-    /// them, and marks where it did. Returns how many they are.
+    /// them, and marks where it did. Returns how many lights are to be taken out and put in: a
+    /// kept point of other light has one of each.
     ///
     /// # Errors
     /// The device failed, or ended the loops that mark what is around a point.
@@ -84,7 +91,11 @@ impl Points {
             self.changes = self.found(gpu, &listed)?;
         }
         counters.read(gpu)?.all_finished("points", "lower `radius`")?;
-        Ok(listed.iter().map(|(_, list)| u64::from(list.count)).sum())
+        let lights = |(moved, list): &Listed| {
+            let gone = (moved.count - moved.kept).min(list.count);
+            u64::from(list.count) + if moved.kept > 0 { u64::from(list.count - gone) } else { 0 }
+        };
+        Ok(listed.iter().map(lights).sum())
     }
 
     /// Marks the light around the listed points.
@@ -112,7 +123,7 @@ impl Points {
     fn found(&self, gpu: &Gpu, listed: &[Listed]) -> Result<Changes> {
         let total: u64 = listed.iter().map(|(_, list)| u64::from(list.count)).sum();
         let all = self.count();
-        let fits = total * size_of::<[[f32; 4]; 2]>() as u64 <= gpu.max_binding();
+        let fits = total * size_of::<Change>() as u64 <= gpu.max_binding();
         match total {
             0 => Ok(Changes::None),
             _ if 10 * total >= 7 * all || !fits => Ok(Changes::TooMany),
@@ -125,8 +136,8 @@ impl Points {
         let words = |stage: &'static str| gpu.buffer::<u32>(stage, total as usize);
         let keys = words("points keys")?;
         let places = gpu.buffer::<[u32; 4]>("point places", total as usize)?;
-        let pairs = |stage: &'static str| gpu.buffer::<[[f32; 4]; 2]>(stage, total as usize);
-        let lights = pairs("point lights")?;
+        let changes = |stage: &'static str| gpu.buffer::<Change>(stage, total as usize);
+        let lights = changes("point lights")?;
         let mut lists = vec![0];
         for (moved, list) in listed.iter().filter(|(_, list)| list.count > 0) {
             let [seen, now] = moved.lights.each_ref().map(Option::as_ref);
@@ -150,7 +161,7 @@ impl Points {
             lists.push(first + list.count);
         }
         let lists = gpu.upload("points lists", &lists)?;
-        let [keys_now, lights_now] = [words("points keys")?, pairs("point lights")?];
+        let [keys_now, lights_now] = [words("points keys")?, changes("point lights")?];
         let sorted = Sorted::of(gpu, keys_now, lights_now, (total, &self.params))?;
         let mut bindings = sorted.bindings();
         bindings.extend([

@@ -70,6 +70,16 @@ shared_struct! {
     }
 }
 
+shared_struct! {
+    /// The light of a point, its colour and g: dark where it was not there, or is not any more.
+    pub struct Change {
+        /// What segments have seen.
+        pub seen: [f32; 4],
+        /// What it is.
+        pub now: [f32; 4],
+    }
+}
+
 /// Points in the order of their cells' keys, with what a gather needs of each.
 struct Sorted {
     count: u32,

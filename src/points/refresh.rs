@@ -92,7 +92,7 @@ impl Points {
         }
         stage.dispatch(&self.record[0], count.into(), &bindings, &params)?;
         stage.finish()?;
-        Ok(Moved::some(part, &seen, changed))
+        Ok(Moved::some(part, &seen, changed, kept.map_or(count, |kept| kept.count)))
     }
 
     /// Points that are kept and new ones.
