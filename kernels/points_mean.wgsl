@@ -14,9 +14,9 @@ import package::constants::{GROUP, MEAN_BLOCK};
 @group(0) @binding(11) var<storage, read> point_places: array<vec4<u32>>;
 @group(0) @binding(12) var<storage, read_write> means: array<f32>;
 @if(history) @group(0) @binding(13) var<storage, read_write> mean_histories: array<vec2<u32>>;
-@if(!fresh) @group(0) @binding(15) var<storage, read> kept: array<u32>;
+@group(0) @binding(15) var<storage, read> kept: array<u32>;
 // Points whose mean changed are marked here, where others need not be looked at.
-@if(!fresh) @group(0) @binding(16) var<storage, read_write> changed: array<atomic<u32>>;
+@group(0) @binding(16) var<storage, read_write> changed: array<atomic<u32>>;
 
 // Taps of the mean: two shells of a Fibonacci lattice over the ball, of equal volume
 // each, and the photon's own entry.
@@ -43,11 +43,10 @@ fn main(
 
 fn is_needed(point: u32) -> bool {
     if point >= params.count { return false; }
-    @if(history && !fresh) {
-        let is_kept = params.all == 1u || extractBits(kept[point / 32u], point % 32u, 1u) == 1u;
-        return is_kept && any((mean_histories[point] & params.changed) != vec2<u32>(0u));
-    }
-    @if(!history || fresh) return true;
+    if params.fresh == 1u { return true; }
+    let is_kept = params.all == 1u || extractBits(kept[point / 32u], point % 32u, 1u) == 1u;
+    @if(history) return is_kept && any((mean_histories[point] & params.changed) != vec2<u32>(0u));
+    @if(!history) return is_kept;
 }
 
 fn find_mean(point: u32) {
@@ -69,10 +68,8 @@ fn find_mean(point: u32) {
         }
     }
     let mean = total / f32(2u * SHELL + 1u);
-    @if(!fresh) {
-        if bitcast<u32>(mean) != bitcast<u32>(means[point]) {
-            atomicOr(&changed[point / 32u], 1u << (point % 32u));
-        }
+    if params.fresh == 0u && bitcast<u32>(mean) != bitcast<u32>(means[point]) {
+        atomicOr(&changed[point / 32u], 1u << (point % 32u));
     }
     means[point] = mean;
     @if(history) { mean_histories[point] = history; }

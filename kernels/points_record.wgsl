@@ -17,9 +17,9 @@ import package::constants::GROUP;
 @group(0) @binding(10) var<storage, read> slots: array<u32>;
 @group(0) @binding(11) var<storage, read_write> point_lights: array<vec4<f32>>;
 @if(even) @group(0) @binding(12) var<storage, read> means: array<f32>;
-@if(!fresh) @group(0) @binding(13) var<storage, read> kept: array<u32>;
-@if(!fresh) @group(0) @binding(14) var<storage, read_write> seen_lights: array<vec4<f32>>;
-@if(!fresh) @group(0) @binding(16) var<storage, read_write> changed: array<atomic<u32>>;
+@group(0) @binding(13) var<storage, read> kept: array<u32>;
+@group(0) @binding(14) var<storage, read_write> seen_lights: array<vec4<f32>>;
+@group(0) @binding(15) var<storage, read_write> changed: array<atomic<u32>>;
 
 fn light_of(point: u32) -> vec4<f32> {
     let slot = slot_of(vec4<u32>(0u), states[slots[point]]);
@@ -38,19 +38,19 @@ fn main(
 ) {
     let point = item_index(group, groups, local);
     if point >= params.count { return; }
-    @if(fresh) { point_lights[point] = light_of(point); }
-    @if(!fresh) { renew(point); }
-}
-
-@if(!fresh)
-fn renew(point: u32) {
     let word = point / 32u;
     let bit = 1u << (point % 32u);
-    let is_kept = params.all == 1u || extractBits(kept[word], point % 32u, 1u) == 1u;
+    let is_fresh = params.fresh == 1u;
+    let is_kept = is_fresh || params.all == 1u || extractBits(kept[word], point % 32u, 1u) == 1u;
     // A mean that changed has marked its point.
-    if params.stay == 1u && is_kept && (atomicLoad(&changed[word]) & bit) == 0u { return; }
+    let may_stay = !is_fresh && params.stay == 1u && is_kept;
+    if may_stay && (atomicLoad(&changed[word]) & bit) == 0u { return; }
     var light = vec4<f32>(0.0);
     if is_kept { light = light_of(point); }
+    if is_fresh {
+        point_lights[point] = light;
+        return;
+    }
     let seen = point_lights[point];
     let differs = any(bitcast<vec4<u32>>(seen) != bitcast<vec4<u32>>(light));
     if differs && any(max(seen.rgb, light.rgb) > vec3<f32>(0.0)) {

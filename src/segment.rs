@@ -202,8 +202,6 @@ pub struct SegmentMap {
     bands: Vec<Band>,
     film: wgpu::Buffer,
     segment: Arc<Kernel>,
-    /// Takes out what was seen, and adds what is there now.
-    correct: Arc<Kernel>,
     query: Arc<Kernel>,
     composite: Arc<Kernel>,
     gather_pace: Pace,
@@ -278,8 +276,7 @@ impl SegmentMap {
             strata: strata(rays),
             bands,
             film: gpu.buffer::<[f32; 4]>("film", pixels)?,
-            segment: segment_kernel(gpu, device, field, false)?,
-            correct: segment_kernel(gpu, device, field, true)?,
+            segment: segment_kernel(gpu, device, field)?,
             query: gpu.kernel("segment_query", &[])?,
             composite: gpu.kernel(
                 "composite",
@@ -300,8 +297,7 @@ impl SegmentMap {
         device: &DeviceScene,
         field: &LightField,
     ) -> Result<()> {
-        self.segment = segment_kernel(gpu, device, field, false)?;
-        self.correct = segment_kernel(gpu, device, field, true)?;
+        self.segment = segment_kernel(gpu, device, field)?;
         Ok(())
     }
 
@@ -328,7 +324,8 @@ impl SegmentMap {
     }
 
     /// Computes the segments that read an entry of `query`, or see light that changed, and
-    /// the image, ray after ray. Returns how many segments were computed of how many.
+    /// the image, ray after ray. Returns how many segments were computed, of how many of
+    /// them light alone was corrected, and how many there are.
     ///
     /// # Errors
     /// The device failed.
@@ -338,12 +335,12 @@ impl SegmentMap {
         query: u64,
         split: &Split,
         progress: &mut Progress,
-    ) -> Result<[u64; 2]> {
+    ) -> Result<[u64; 3]> {
         let gpu = stage.gpu;
         let rays = self.strata[0] * self.strata[1];
         let total = u64::from(rays) * u64::from(self.params.height);
         let mut parts = self.parts(stage);
-        let mut recomputed = 0;
+        let (mut recomputed, mut corrected) = (0, 0);
         for ray in 0..rays {
             for i in 0..self.bands.len() {
                 // Between rays a band holds another ray's segments.
@@ -354,7 +351,7 @@ impl SegmentMap {
                     // Where nothing was read but light, light alone is corrected.
                     if !runs.is_empty() {
                         self.list(stage, i, (query, LIST_LIT), split)?;
-                        recomputed += self.correct(stage, (i, ray), &runs, &mut parts)?;
+                        corrected += self.correct(stage, (i, ray), &runs, &mut parts)?;
                     }
                     self.list(stage, i, (query, LIST_READ), split)?;
                     recomputed += self.gather(stage, (i, ray), &mut parts)?;
@@ -369,7 +366,7 @@ impl SegmentMap {
             }
         }
         self.bands.iter_mut().for_each(|band| band.fresh = false);
-        Ok([recomputed, u64::from(rays) * self.count()])
+        Ok([recomputed + corrected, corrected, u64::from(rays) * self.count()])
     }
 
     /// Parts in which to gather the points, so that no thread tests many more than
@@ -479,10 +476,6 @@ impl SegmentMap {
     ) -> Result<()> {
         let band = &self.bands[band];
         let count = u64::from(band.list.count);
-        let (kernel, pace) = match begins {
-            1 => (&self.segment, &self.gather_pace),
-            _ => (&self.correct, &self.correct_pace),
-        };
         for (i, run) in runs.iter().enumerate() {
             let mut bindings = [stage.device.bindings(), run.bindings.clone()].concat();
             bindings.extend([
@@ -507,8 +500,9 @@ impl SegmentMap {
                     let (first_item, items) =
                         (range.start as u32, (range.end - range.start) as u32);
                     let params = SegmentParams { first_item, items, ..params };
-                    slice.dispatch(kernel, items.into(), &bindings, &params)
+                    slice.dispatch(&self.segment, items.into(), &bindings, &params)
                 };
+                let pace = if begins == 1 { &self.gather_pace } else { &self.correct_pace };
                 stage.gpu.sliced("segment", count, pace, work, &mut |_| ())?;
             }
         }
@@ -588,13 +582,7 @@ impl SegmentMap {
     }
 }
 
-/// The kernel that gathers all light, or `changes` of points.
-fn segment_kernel(
-    gpu: &Gpu,
-    device: &DeviceScene,
-    field: &LightField,
-    changes: bool,
-) -> Result<Arc<Kernel>> {
+fn segment_kernel(gpu: &Gpu, device: &DeviceScene, field: &LightField) -> Result<Arc<Kernel>> {
     let mut flags = device.flags(&[
         "nearest",
         "float_voxels",
@@ -606,10 +594,7 @@ fn segment_kernel(
     ]);
     match field {
         LightField::Fluence(_) => flags.push("fluence"),
-        LightField::Points(points) => {
-            flags.extend(points.even.then_some("even"));
-            flags.extend(changes.then_some("changes"));
-        }
+        LightField::Points(points) => flags.extend(points.even.then_some("even")),
     }
     gpu.kernel("segment", &flags)
 }

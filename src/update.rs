@@ -39,8 +39,7 @@ pub enum Scope {
 pub struct ListBytes {
     /// Tasks and work lists of photons.
     pub photons: u64,
-    /// What comparing points takes while an update runs, at most: all of them twice, their
-    /// lists, and what finds them by slot.
+    /// What bringing points up to date takes while an update runs, at most.
     pub points: u64,
     /// Old slots of the photons that are worked on.
     pub journal: u64,
@@ -74,11 +73,13 @@ pub struct Updated {
     pub photons: u64,
     /// Photons that were traced or weighed again.
     pub listed: u64,
-    /// Lights of points that were taken out and put in, both for a point of other light; 0 where
+    /// Points whose light changed, those that went and those that came among them; 0 where
     /// segments do not ask for light.
     pub points: u64,
     /// Segments computed again.
     pub recomputed: u64,
+    /// Of them, those whose light alone was corrected by the points that changed.
+    pub corrected: u64,
     /// Segments in all.
     pub segments: u64,
     /// What the stages counted, from the edit on. A rebuild compares nothing: all its photons
@@ -381,7 +382,7 @@ impl PhotonFrame {
                 return Ok(done);
             }
             gpu.enter(SEGMENTS);
-            [done.recomputed, done.segments] = self.view(gpu, split, progress)?;
+            [done.recomputed, done.corrected, done.segments] = self.view(gpu, split, progress)?;
             done.counts = self.counts(gpu)?;
             done.counts.all_fitted()?;
             self.settle(gpu)?;
@@ -525,7 +526,7 @@ impl PhotonFrame {
     }
 
     /// Computes the segments that read what changed or see light that did, and the image.
-    fn view(&mut self, gpu: &Gpu, split: &Split, progress: &mut Progress) -> Result<[u64; 2]> {
+    fn view(&mut self, gpu: &Gpu, split: &Split, progress: &mut Progress) -> Result<[u64; 3]> {
         let read = match self.field {
             LightField::Points(_) if self.source.settings.spatial != Spatial::Off => {
                 CHANGE_RISEN | CHANGE_FALLEN | CHANGE_EMISSION

@@ -8,7 +8,7 @@ use common::snapshot::{difference, snapshot};
 use common::world::{WORLD, frame, update, world};
 use glam::{DMat3, DVec3, Vec3};
 use photogram::render::{Progress, Split};
-use photogram::scene::{Estimator, Filter, Scene, Weighting};
+use photogram::scene::{Estimator, Filter, LightKind, Scene, Weighting};
 use photogram::segment::LightField;
 use photogram::update::{PhotonFrame, Scope, Updated};
 use photogram::volume::Volume;
@@ -48,7 +48,52 @@ fn an_edit_that_changes_no_entry_visits_nothing() {
 fn a_colour_edit_makes_no_tentative_collision() {
     for done in check_both(|s| s.materials[2].colour = DVec3::new(0.3, 0.5, 0.9)) {
         assert!(done.counts.reweighed > 0 && done.recomputed > 0);
-        assert_eq!((done.counts.tentative, done.counts.invalid), (0, 0));
+        let counts = done.counts;
+        assert_eq!((counts.steps, counts.tentative, counts.invalid), (0, 0, 0));
+    }
+}
+
+/// Where light alone changed, a gather looks at the points that changed, each once.
+#[test]
+fn a_colour_edit_gathers_what_changed_and_nothing_else() {
+    let (mut scene, volume) = world(Estimator::Points, Weighting::Plain, Filter::Linear);
+    scene.settings.max_events = 1;
+    let mut frame = frame(&scene, &volume, &Split::default());
+    let all = frame.rebuild(gpu(), &Split::default(), &mut Progress::silent()).expect("rebuilds");
+    scene.materials[1].colour = DVec3::new(0.3, 0.5, 0.9);
+    let (_, done) = update(&mut frame, &scene, &Split::default());
+    assert_eq!(difference(&frame, &scene, &volume), None);
+    assert!(done.points > 0 && 10 * done.points < 7 * all.points, "{done:?}");
+    assert_eq!(done.corrected, done.recomputed);
+    let [gathered, of] = [done, all].map(|u| u.counts.gathered);
+    assert!(gathered > 0 && 10 * gathered < 7 * of, "{gathered} of {of}");
+}
+
+/// Edits of a light, of the camera and of the background leave the photons of others alone.
+#[test]
+fn photons_of_others_stay() {
+    for done in check_both(|s| s.lights[0].emitted *= 0.5) {
+        // The lamp has two thirds.
+        assert!(done.listed > 0 && done.listed <= done.photons * 2 / 3, "{done:?}");
+        assert_eq!(done.counts.invalid, 0);
+    }
+    let moved = |s: &mut Scene| match &mut s.lights[0].kind {
+        LightKind::Point { position } => *position *= 1.1,
+        other => panic!("{other:?}"),
+    };
+    for estimator in [Estimator::Fluence, Estimator::Points] {
+        let (mut scene, volume) = world(estimator, Weighting::Even, Filter::Linear);
+        // Where most photons are another light's, they are not all traced anew.
+        scene.lights[0].share = 0.1;
+        let mut frame = frame(&scene, &volume, &Split::default());
+        moved(&mut scene);
+        let (_, done) = update(&mut frame, &scene, &Split::default());
+        assert!(done.listed > 0 && done.listed <= done.photons / 6 + 1, "{done:?}");
+        assert_eq!(difference(&frame, &scene, &volume), None, "{estimator}");
+    }
+    for done in check_both(|s| s.camera.fov_deg *= 0.9) {
+        assert_eq!((done.listed, done.counts.steps, done.counts.deposits), (0, 0, 0));
+        assert_eq!(done.recomputed, done.segments);
     }
 }
 
@@ -73,9 +118,13 @@ fn awkward_edits_are_exact() {
     type Edit = (&'static str, fn(&mut Scene), fn(&Updated) -> bool);
     let edits: [Edit; 9] = [
         (
-            "everything changes",
-            |s| s.materials.iter_mut().for_each(|m| m.extinction *= 0.5),
-            |done| 10 * done.counts.changed > done.photons,
+            "every value changes",
+            |s| {
+                let mut all = s.materials[0].clone();
+                (all.name, all.ramp) = ("all".into(), vec![[-3000.0, 1.0], [9000.0, 1.0]]);
+                s.materials.push(all);
+            },
+            |done| done.counts.changed > done.photons / 2,
         ),
         ("all is removed", |s| s.materials.clear(), |done| 10 * done.counts.changed > done.photons),
         (
@@ -267,15 +316,25 @@ fn what_only_absorbed_scatters_again() {
 
 #[test]
 fn the_smallest_frames_are_exact() {
-    let (mut scene, volume) = world(Estimator::Fluence, Weighting::Even, Filter::Linear);
-    (scene.camera.width, scene.camera.height) = (1, 1);
-    (scene.settings.photons, scene.settings.segments) = (1, 1);
-    scene.settings.max_events = 1;
-    let mut frame = frame(&scene, &volume, &Split::default());
-    for extinction in [0.0, 1.9, 0.01] {
-        scene.materials[0].extinction = extinction;
-        update(&mut frame, &scene, &Split::default());
-        assert_eq!(difference(&frame, &scene, &volume), None);
+    for estimator in [Estimator::Fluence, Estimator::Points] {
+        let (mut scene, volume) = world(estimator, Weighting::Even, Filter::Linear);
+        scene.lights.truncate(1);
+        (scene.camera.width, scene.camera.height) = (1, 1);
+        (scene.settings.photons, scene.settings.segments) = (1, 1);
+        scene.settings.max_events = 1;
+        let mut changed = 0;
+        for seed in 0..8 {
+            scene.settings.seed = seed;
+            let mut frame = frame(&scene, &volume, &Split::default());
+            for extinction in [0.0, 1.9, 0.01] {
+                scene.materials[0].extinction = extinction;
+                let (_, done) = update(&mut frame, &scene, &Split::default());
+                assert_eq!((done.photons, done.segments), (1, 1));
+                changed += done.counts.changed;
+                assert_eq!(difference(&frame, &scene, &volume), None, "{estimator}");
+            }
+        }
+        assert!(changed > 0, "{estimator}: no photon met the flesh");
     }
 }
 

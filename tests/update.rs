@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use common::gpu;
 use common::snapshot::{Snapshot, difference, rebuild, snapshot};
 use common::world::{CLASSES, Dice, frame, random_edit, random_world, update, world};
+use photogram::gpu::GROUP;
 use photogram::render::{Progress, Split};
 use photogram::scene::{Estimator, Filter, Weighting};
 use photogram::segment::LightField;
@@ -21,6 +22,7 @@ fn edits_wanted() -> usize {
 #[test]
 fn random_edits_of_random_scenes_leave_what_a_rebuild_leaves() {
     const EACH: usize = 24;
+    const BAND_ROWS: u32 = 7;
     let mut seen = Coverage::default();
     for world in 0..edits_wanted().div_ceil(EACH) as u64 {
         let mut dice = Dice(world);
@@ -28,33 +30,42 @@ fn random_edits_of_random_scenes_leave_what_a_rebuild_leaves() {
         // Parts of the journal, batches and bands are small, so that there are several of each.
         let split = Split {
             batch_photons: Some(300),
-            band_rows: Some(7),
+            band_rows: Some(BAND_ROWS),
             journal: Some(128),
             shuffle: Some(world).filter(|_| dice.below(3) == 0),
         };
         let mut frame = frame(&home, &volume, &split);
         let first = snapshot(gpu(), &frame);
+        let mut before = first.clone().without_histories().points_in_any_order();
         let mut scene = home.clone();
         let mut earlier = Vec::new();
         for i in 0..EACH {
             let class = CLASSES[dice.below(CLASSES.len())];
             // Now and then the last edits are undone.
-            match dice.below(8) {
-                0 if !earlier.is_empty() => scene = earlier.swap_remove(dice.below(earlier.len())),
-                1 => scene = home.clone(),
+            let class = match dice.below(8) {
+                0 if !earlier.is_empty() => {
+                    scene = earlier.swap_remove(dice.below(earlier.len()));
+                    "undone"
+                }
+                1 => {
+                    scene = home.clone();
+                    "all undone"
+                }
                 _ => {
                     earlier.push(scene.clone());
                     random_edit(&mut scene, class, &mut dice, &home);
-                    *seen.classes.entry(class).or_default() += 1;
+                    class
                 }
-            }
+            };
             earlier.truncate(6);
             let (scope, done) = update(&mut frame, &scene, &split);
             let now = snapshot(gpu(), &frame).without_histories().points_in_any_order();
-            seen.look(scope, &done, &frame, &now);
+            let bands = scene.camera.height.div_ceil(BAND_ROWS) * scene.settings.rays;
+            seen.look((class, scope), (&done, bands), &frame, (&before, &now));
             let fresh = rebuild(gpu(), &scene, &volume, &Split::default());
             let wrong = now.difference(&fresh.without_histories().points_in_any_order());
             assert_eq!(wrong, None, "world {world}, edit {i} ({class}): {}", scene.to_toml());
+            before = now;
         }
         update(&mut frame, &home, &split);
         let last = snapshot(gpu(), &frame).without_histories().points_in_any_order();
@@ -68,6 +79,7 @@ fn random_edits_of_random_scenes_leave_what_a_rebuild_leaves() {
 /// What the random edits have met.
 #[derive(Debug, Default)]
 struct Coverage {
+    /// Edits of each class that had a part of all computed anew.
     classes: BTreeMap<&'static str, u64>,
     /// Edits that touched nothing, a part, everything.
     scopes: [u64; 3],
@@ -80,16 +92,24 @@ struct Coverage {
     untouched_segments: u64,
     /// Empty slots, interactions, exits.
     slots: [u64; 3],
-    /// Work lists of photons and of segments longer than a work group.
+    /// Segments whose light alone was corrected.
+    corrected: u64,
+    /// Updates with a work list of photons and of segments longer than a work group.
     long_lists: [u64; 2],
-    /// Sums of light above 32 bits, in the fluence and in segments.
+    /// Updates that changed the upper word of a sum of light, in the fluence and in segments.
     carried: [u64; 2],
     /// Updates of several batches of one light.
     batches: u64,
 }
 
 impl Coverage {
-    fn look(&mut self, scope: Scope, done: &Updated, frame: &PhotonFrame, now: &Snapshot) {
+    fn look(
+        &mut self,
+        (class, scope): (&'static str, Scope),
+        (done, bands): (&Updated, u32),
+        frame: &PhotonFrame,
+        (before, now): (&Snapshot, &Snapshot),
+    ) {
         self.scopes[match scope {
             Scope::Nothing => 0,
             Scope::Part => 1,
@@ -103,24 +123,34 @@ impl Coverage {
             self.untouched_photons += done.photons - done.listed;
             self.recomputed += done.recomputed;
             self.untouched_segments += done.segments - done.recomputed;
-            self.long_lists[0] += u64::from(done.listed > 64);
-            self.long_lists[1] += u64::from(done.recomputed > 64);
+            *self.classes.entry(class).or_default() += 1;
+            self.corrected += done.corrected;
+            self.long_lists[0] += u64::from(frame.map.batches.iter().any(|b| b.list.count > GROUP));
+            // Were the list of each band as short as a group, they would have no more in all.
+            self.long_lists[1] += u64::from(done.recomputed > u64::from(GROUP * bands));
+            let upper = |s: &Snapshot| -> Vec<[u32; 3]> {
+                match &frame.field {
+                    LightField::Fluence(_) => s.field.iter().map(|c| [c[1], c[3], c[5]]).collect(),
+                    LightField::Points(_) => s.segments.iter().map(|c| [c[6], c[7], 0]).collect(),
+                }
+            };
+            let carries = upper(before) != upper(now);
+            match &frame.field {
+                LightField::Fluence(_) => self.carried[0] += u64::from(carries),
+                LightField::Points(_) => {
+                    self.carried[1] += u64::from(carries && done.corrected > 0);
+                }
+            }
         }
         for [_, state] in &now.slots {
             self.slots[(state[1] >> 30) as usize] += 1;
         }
-        let carries = match &frame.field {
-            LightField::Fluence(_) => now.field.iter().any(|c| c[1] | c[3] | c[5] != 0),
-            LightField::Points(_) => now.segments.iter().any(|s| s[6] | s[7] != 0),
-        };
-        self.carried[usize::from(matches!(frame.field, LightField::Points(_)))] +=
-            u64::from(carries);
         self.batches += u64::from(frame.map.batches.iter().any(|b| b.first_index > 0));
     }
 
     fn suffices(&self, edits: u64) {
         for class in CLASSES {
-            assert!(self.classes.get(class).is_some_and(|&n| n > edits / 40), "{class} is rare");
+            assert!(self.classes.get(class).is_some_and(|&n| n > edits / 60), "{class} is rare");
         }
         let many = [
             self.invalid,
@@ -129,12 +159,13 @@ impl Coverage {
             self.untouched_photons,
             self.recomputed,
             self.untouched_segments,
+            self.corrected,
         ];
         assert!(many.iter().all(|&n| n > 20 * edits), "{many:?}");
         assert!(self.scopes.iter().all(|&n| n > edits / 100), "{:?}", self.scopes);
         assert!(self.slots.iter().all(|&n| n > 1000), "{:?}", self.slots);
         assert!(self.long_lists.iter().all(|&n| n > edits / 20), "{:?}", self.long_lists);
-        assert!(self.carried.iter().all(|&n| n > edits / 10), "few sums had an upper word");
+        assert!(self.carried.iter().all(|&n| n > edits / 50), "few sums carried");
         assert!(self.batches > edits / 10, "few lights had several batches");
         assert!(self.changed < self.listed, "nothing was listed in vain");
     }

@@ -1,8 +1,9 @@
 // The light of a segment as the points light field leaves it: integer sums, so that
-// points that went can be taken out with nothing left over. Three sums of 52 bits, eight
+// light that was seen can be taken out with nothing left over. Three sums of 52 bits, eight
 // words with transmittance and history.
 
 import package::shared::counter::{OVERFLOWN, count};
+import package::shared::sum64::{added, taken_out};
 
 const SUM_WORDS: u32 = 8u;
 const HIGH: u32 = 0xfffffu;  // bits of a sum above its low word
@@ -11,6 +12,14 @@ struct Sums {
     red: vec2<u32>,
     green: vec2<u32>,
     blue: vec2<u32>,
+}
+
+fn sums_with(s: Sums, value: vec3<u32>) -> Sums {
+    return Sums(added(s.red, value.r), added(s.green, value.g), added(s.blue, value.b));
+}
+
+fn sums_without(s: Sums, value: vec3<u32>) -> Sums {
+    return Sums(taken_out(s.red, value.r), taken_out(s.green, value.g), taken_out(s.blue, value.b));
 }
 
 // `low` are words 0 to 2 of a segment, `high` words 6 and 7.

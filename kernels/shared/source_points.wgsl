@@ -1,21 +1,18 @@
 // In-scattered light at a march sample from the points light field: every photon in
-// the sphere of the gather radius, H(8), as rounded integers. Of `changes`, the light that
-// was seen is taken out, rounded as it was.
+// the sphere of the gather radius, H(8), as rounded integers. Where two lights of a point lie
+// side by side, the one was seen, and is taken out, rounded as it was; the other is added.
 
 import package::shared::counter::expect;
 import package::shared::phase::phase;
-@if(changes) import package::shared::points::Change;
 import package::shared::points::{PointsParams, points_cell, points_key};
 import package::shared::segment::SegmentParams;
-import package::shared::segment_sums::Sums;
+import package::shared::segment_sums::{Sums, sums_with, sums_without};
 import package::shared::slot::unpack_direction;
-@if(changes) import package::shared::sum64::taken_out;
-import package::shared::sum64::{rounded, added};
+import package::shared::sum64::rounded;
 
 @group(0) @binding(11) var<uniform> field: PointsParams;
 @group(0) @binding(12) var<storage, read> point_places: array<vec4<u32>>;
-@if(changes) @group(0) @binding(13) var<storage, read> point_lights: array<Change>;
-@if(!changes) @group(0) @binding(13) var<storage, read> point_lights: array<vec4<f32>>;
+@group(0) @binding(13) var<storage, read> point_lights: array<vec4<f32>>;
 @group(0) @binding(14) var<storage, read> starts: array<u32>;
 
 // Light gathered so far, in the units of the sums.
@@ -35,26 +32,24 @@ struct Query {
     end: u32,        // of the run of points
 }
 
+fn is_near(i: u32, q: Query) -> bool {
+    let away = bitcast<vec3<f32>>(point_places[i].xyz) - q.point;
+    return i < q.end && dot(away, away) < field.radius * field.radius;
+}
+
 fn with_point(i: u32, q: Query, so_far: Gathered) -> Gathered {
-    if i >= q.end { return so_far; }
-    let place = point_places[i];
-    let away = bitcast<vec3<f32>>(place.xyz) - q.point;
-    if dot(away, away) >= field.radius * field.radius { return so_far; }
-    let light = point_lights[i];
-    var sum = so_far;
-    @if(changes) {
-        let seen = share_of(light.seen, place.w, q);
-        sum.sums.red = taken_out(sum.sums.red, seen.value.r);
-        sum.sums.green = taken_out(sum.sums.green, seen.value.g);
-        sum.sums.blue = taken_out(sum.sums.blue, seen.value.b);
-    }
-    @if(changes) let share = share_of(light.now, place.w, q);
-    @if(!changes) let share = share_of(light, place.w, q);
-    sum.sums.red = added(sum.sums.red, share.value.r);
-    sum.sums.green = added(sum.sums.green, share.value.g);
-    sum.sums.blue = added(sum.sums.blue, share.value.b);
-    sum.clamped += share.clamped;
-    return sum;
+    if !is_near(i, q) { return so_far; }
+    let share = share_of(point_lights[i], i, q);
+    return Gathered(sums_with(so_far.sums, share.value), so_far.clamped + share.clamped, so_far.tested);
+}
+
+// The light that was seen of a point is taken out, and that of now is added.
+fn with_change(i: u32, q: Query, so_far: Gathered) -> Gathered {
+    if !is_near(i, q) { return so_far; }
+    let seen = share_of(point_lights[2u * i], i, q);
+    let now = share_of(point_lights[2u * i + 1u], i, q);
+    let rest = sums_without(so_far.sums, seen.value);
+    return Gathered(sums_with(rest, now.value), so_far.clamped + now.clamped, so_far.tested);
 }
 
 struct Share {
@@ -63,10 +58,10 @@ struct Share {
 }
 
 // What a point of this light and direction adds.
-fn share_of(light: vec4<f32>, direction: u32, q: Query) -> Share {
+fn share_of(light: vec4<f32>, i: u32, q: Query) -> Share {
     var share = light.rgb * q.weight;
     @if(anisotropic) {
-        share *= phase(light.a, dot(unpack_direction(direction), q.toward));
+        share *= phase(light.a, dot(unpack_direction(point_places[i].w), q.toward));
     }
     let r = rounded(share.r);
     let g = rounded(share.g);
@@ -123,6 +118,17 @@ fn gather(
     var q = Query(point, weight, toward, 0u);
     var i = 0u;
     var row = 0u;
+    if field.had == 1u {
+        while i < q.end || row < rows {
+            if i >= q.end {
+                i = runs[row].x;
+                q.end = runs[row].y;
+                row++;
+            }
+            sum = with_change(i, q, sum);
+            i++;
+        }
+    }
     while i < q.end || row < rows {
         if i >= q.end {
             i = runs[row].x;

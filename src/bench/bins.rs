@@ -4,7 +4,7 @@
 
 use serde_json::json;
 
-use super::{Effort, Report, Sheet, built_in, edited, median, percent};
+use super::{Effort, Report, Sheet, built_in, edited, median, percent, warm};
 use crate::error::Result;
 use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
@@ -79,6 +79,7 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
             let silent = &mut Progress::silent();
             let device = DeviceScene::with_bins(gpu, &scene, &volume, bins)?;
             let mut frame = PhotonFrame::new(gpu, &scene, device, 1, &Split::default())?;
+            warm(gpu, &mut frame, silent)?;
             let mut costs = Vec::new();
             for _ in 0..effort.runs {
                 costs.push(measure::rebuild(gpu, &mut frame, silent)?.1.total);

@@ -4,7 +4,7 @@
 use serde_json::json;
 
 use super::{Chart, Edited, Effort, Report, Series, Sheet};
-use super::{built_in, edited, percent, rebuilt, without_histories};
+use super::{built_in, edited, percent, rebuilt, warm, without_histories};
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::measure;
@@ -194,6 +194,8 @@ fn measured(
     let mut frame = measure::fresh(gpu, &scene, &volume)?;
     frame.rebuild(gpu, &Split::default(), silent)?;
     let touched = touched(gpu, &frame, &after)?;
+    // The device was idle.
+    warm(gpu, &mut frame, silent)?;
     let edit = edited(gpu, &mut frame, (&scene, &after), effort.runs, silent)?;
     measure::update(gpu, &mut frame, &after, silent)?;
     let mut fresh = measure::fresh(gpu, &after, &volume)?;

@@ -23,8 +23,8 @@ const SCENES: [(&str, Estimator); 7] = [
     ("kidneys", Estimator::Points),
 ];
 
-/// A stage's kernels and what it visits. Of points those that went out of the light field and
-/// those that came into it count, as deposits do; in a full rebuild all come.
+/// A stage's kernels and what it visits. Points are visited where their light changed; in a full
+/// rebuild all come.
 type Stage = (&'static str, &'static [&'static str], fn(&Updated) -> u64);
 
 const STAGES: [Stage; 4] = [

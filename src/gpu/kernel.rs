@@ -40,8 +40,8 @@ pub const KERNELS: &[(&str, &[&str])] = &[
     ("points_key", &[]),
     ("points_merge", &[]),
     ("points_order", &[]),
-    ("points_mean", &["nearest", "float_voxels", "history", "listed_bins", "fresh"]),
-    ("points_record", &["even", "anisotropic", "fresh"]),
+    ("points_mean", &["nearest", "float_voxels", "history", "listed_bins"]),
+    ("points_record", &["even", "anisotropic"]),
     ("points_starts", &[]),
     ("points_dirty", &[]),
     ("points_take", &[]),
@@ -51,7 +51,6 @@ pub const KERNELS: &[(&str, &[&str])] = &[
         "segment",
         &[
             "fluence",
-            "changes",
             "even",
             "anisotropic",
             "nearest",

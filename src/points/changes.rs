@@ -30,34 +30,28 @@ pub(super) struct Moved {
     lights: [Option<wgpu::Buffer>; 2],
     /// Those whose light did; `None`: all.
     marked: Option<WorkList>,
-    /// Points that are where they were, and may have old light and new.
-    kept: u32,
 }
 
 impl Moved {
     /// All points of a part that went.
     pub(super) fn gone(part: &Part) -> Self {
-        Self::new(part, [Some(&part.points.lights), None], (None, 0))
+        Self::new(part, [Some(&part.points.lights), None], None)
     }
 
     /// All points of a part that came.
-    pub(super) fn come(part: &Part) -> Self {
-        Self::new(part, [None, Some(&part.points.lights)], (None, 0))
+    pub(super) fn came(part: &Part) -> Self {
+        Self::new(part, [None, Some(&part.points.lights)], None)
     }
 
-    /// Those whose light is not what was `seen`, as marked; so many are kept.
-    pub(super) fn some(part: &Part, seen: &wgpu::Buffer, marked: WorkList, kept: u32) -> Self {
-        Self::new(part, [Some(seen), Some(&part.points.lights)], (Some(marked), kept))
+    /// Those whose light is not what was `seen`, as marked.
+    pub(super) fn some(part: &Part, seen: &wgpu::Buffer, marked: WorkList) -> Self {
+        Self::new(part, [Some(seen), Some(&part.points.lights)], Some(marked))
     }
 
-    fn new(
-        part: &Part,
-        lights: [Option<&wgpu::Buffer>; 2],
-        (marked, kept): (Option<WorkList>, u32),
-    ) -> Self {
+    fn new(part: &Part, lights: [Option<&wgpu::Buffer>; 2], marked: Option<WorkList>) -> Self {
         let Sorted { count, keys, places, .. } = &part.points;
         let (keys, places) = (keys.clone(), places.clone());
-        Self { count: *count, keys, places, lights: lights.map(|l| l.cloned()), marked, kept }
+        Self { count: *count, keys, places, lights: lights.map(|l| l.cloned()), marked }
     }
 
     fn list(&mut self, gpu: &Gpu) -> Result<WorkList> {
@@ -73,12 +67,15 @@ impl Moved {
 }
 
 /// With a list of those whose light did.
-type Listed = (Moved, WorkList);
+type Found = (Moved, WorkList);
+
+fn count(found: &[Found]) -> u64 {
+    found.iter().map(|(_, list)| u64::from(list.count)).sum()
+}
 
 impl Points {
     /// Finds the points whose light changed in the last build, those that came and went among
-    /// them, and marks where it did. Returns how many lights are to be taken out and put in: a
-    /// kept point of other light has one of each.
+    /// them, and marks where it did. Returns how many they are.
     ///
     /// # Errors
     /// The device failed, or ended the loops that mark what is around a point.
@@ -91,11 +88,7 @@ impl Points {
             self.changes = self.found(gpu, &listed)?;
         }
         counters.read(gpu)?.all_finished("points", "lower `radius`")?;
-        let lights = |(moved, list): &Listed| {
-            let gone = (moved.count - moved.kept).min(list.count);
-            u64::from(list.count) + if moved.kept > 0 { u64::from(list.count - gone) } else { 0 }
-        };
-        Ok(listed.iter().map(lights).sum())
+        Ok(count(&listed))
     }
 
     /// Marks the light around the listed points.
@@ -103,7 +96,7 @@ impl Points {
         &self,
         gpu: &Gpu,
         (dirty, counters): (&Dirty, &CounterBuffer),
-        listed: &[Listed],
+        listed: &[Found],
     ) -> Result<()> {
         for (moved, list) in listed {
             let mut bindings = dirty.bindings();
@@ -120,8 +113,8 @@ impl Points {
     /// Takes the listed points, unless to gather all points anew is cheaper, which was measured
     /// to be so from 70 % on: those that changed lie close together as a rule, so they are denser
     /// around what they touch than their share tells.
-    fn found(&self, gpu: &Gpu, listed: &[Listed]) -> Result<Changes> {
-        let total: u64 = listed.iter().map(|(_, list)| u64::from(list.count)).sum();
+    fn found(&self, gpu: &Gpu, listed: &[Found]) -> Result<Changes> {
+        let total = count(listed);
         let all = self.count();
         let fits = total * size_of::<Change>() as u64 <= gpu.max_binding();
         match total {
@@ -132,7 +125,7 @@ impl Points {
     }
 
     /// All listed points together, in the order of their keys.
-    fn taken(&self, gpu: &Gpu, listed: &[Listed], total: u32) -> Result<Sorted> {
+    fn taken(&self, gpu: &Gpu, listed: &[Found], total: u32) -> Result<Sorted> {
         let words = |stage: &'static str| gpu.buffer::<u32>(stage, total as usize);
         let keys = words("points keys")?;
         let places = gpu.buffer::<[u32; 4]>("point places", total as usize)?;
@@ -161,8 +154,8 @@ impl Points {
             lists.push(first + list.count);
         }
         let lists = gpu.upload("points lists", &lists)?;
-        let [keys_now, lights_now] = [words("points keys")?, changes("point lights")?];
-        let sorted = Sorted::of(gpu, keys_now, lights_now, (total, &self.params))?;
+        let (in_order, had) = ([words("points keys")?, changes("point lights")?], 1);
+        let sorted = Sorted::of(gpu, in_order, &PointsParams { had, ..self.params(total) })?;
         let mut bindings = sorted.bindings();
         bindings.extend([
             ("lists", (&lists).into()),

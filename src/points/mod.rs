@@ -55,7 +55,7 @@ shared_struct! {
         pub kernel: f32,
         /// Place of the first point that is taken; of merged ones, how many are kept.
         pub first: u32,
-        /// 1 where segments have seen light of what is taken.
+        /// 1 where segments have seen light of what is taken, or of all there is.
         pub had: u32,
         /// Buckets from one whose begin is looked for to the next; 0: far apart, among all.
         pub step: u32,
@@ -67,6 +67,14 @@ shared_struct! {
         pub stay: u32,
         /// 1 where what is taken has light.
         pub has: u32,
+        /// 1 where nobody has seen these points.
+        pub fresh: u32,
+        /// Keeps the size a multiple of 16.
+        pub pad0: u32,
+        /// The same.
+        pub pad1: u32,
+        /// The same.
+        pub pad2: u32,
     }
 }
 
@@ -85,30 +93,29 @@ struct Sorted {
     count: u32,
     keys: wgpu::Buffer,
     places: wgpu::Buffer,
+    /// A light each, or, of changes, a [`Change`].
     lights: wgpu::Buffer,
     starts: wgpu::Buffer,
     field: wgpu::Buffer,
 }
 
 impl Sorted {
+    /// Room for points of these keys.
     fn new(gpu: &Gpu, keys: wgpu::Buffer, count: u32, params: &PointsParams) -> Result<Self> {
         let lights = gpu.buffer::<[f32; 4]>("point lights", count as usize)?;
-        Self::of(gpu, keys, lights, (count, params))
+        Self::of(gpu, [keys, lights], &PointsParams { count, ..*params })
     }
 
-    fn of(
-        gpu: &Gpu,
-        keys: wgpu::Buffer,
-        lights: wgpu::Buffer,
-        (count, params): (u32, &PointsParams),
-    ) -> Result<Self> {
+    /// Room for `params.count` points, beside keys and lights.
+    fn of(gpu: &Gpu, [keys, lights]: [wgpu::Buffer; 2], params: &PointsParams) -> Result<Self> {
+        let count = params.count;
         Ok(Self {
             count,
             keys,
             places: gpu.buffer::<[u32; 4]>("point places", count as usize)?,
             lights,
             starts: gpu.buffer::<u32>("points starts", params.buckets as usize + 1)?,
-            field: gpu.upload("points field", &[PointsParams { count, ..*params }])?,
+            field: gpu.upload("points field", std::slice::from_ref(params))?,
         })
     }
 
@@ -119,6 +126,15 @@ impl Sorted {
             ("point_lights", (&self.lights).into()),
             ("starts", (&self.starts).into()),
             ("keys", (&self.keys).into()),
+        ]
+    }
+
+    /// In place of what tells of points that were there.
+    fn nobody(&self) -> Bindings<'_> {
+        vec![
+            ("kept", (&self.starts).into()),
+            ("seen_lights", (&self.lights).into()),
+            ("changed", (&self.keys).into()),
         ]
     }
 
@@ -188,22 +204,22 @@ pub struct Points {
     batches: Vec<SortedBatch>,
     /// What the last build changed.
     moved: Vec<Moved>,
-    /// Whose light changed since all segments were computed.
+    /// The points whose light changed since all segments were computed.
     changes: Changes,
     /// Means have histories.
     history: bool,
     /// Segments have not seen what an earlier build changed.
     unsettled: bool,
-    /// No points, for a scene without lights.
+    /// No points: for a scene without lights, and where a kernel wants some that it will not
+    /// look at.
     none: Sorted,
     mark: Arc<Kernel>,
     keep: Arc<Kernel>,
     key: Arc<Kernel>,
     merge: Arc<Kernel>,
     order: Arc<Kernel>,
-    /// Of points that were there, and of new ones.
-    mean: [Arc<Kernel>; 2],
-    record: [Arc<Kernel>; 2],
+    mean: Arc<Kernel>,
+    record: Arc<Kernel>,
     starts: Arc<Kernel>,
     dirty: Arc<Kernel>,
     take: Arc<Kernel>,
@@ -257,12 +273,11 @@ impl Points {
             key: gpu.kernel("points_key", &[])?,
             merge: gpu.kernel("points_merge", &[])?,
             order: gpu.kernel("points_order", &[])?,
-            mean: two_kernels(
-                gpu,
+            mean: gpu.kernel(
                 "points_mean",
-                scene.flags(&["nearest", "float_voxels", "history", "listed_bins"]),
+                &scene.flags(&["nearest", "float_voxels", "history", "listed_bins"]),
             )?,
-            record: record_kernels(gpu, scene, even)?,
+            record: record_kernel(gpu, scene, even)?,
             starts: gpu.kernel("points_starts", &[])?,
             dirty: gpu.kernel("points_dirty", &[])?,
             take: gpu.kernel("points_take", &[])?,
@@ -280,7 +295,7 @@ impl Points {
     /// # Errors
     /// The device refuses them.
     pub fn respecialise(&mut self, gpu: &Gpu, scene: &DeviceScene) -> Result<()> {
-        self.record = record_kernels(gpu, scene, self.even)?;
+        self.record = record_kernel(gpu, scene, self.even)?;
         Ok(())
     }
 
@@ -323,7 +338,7 @@ impl Points {
                 Some(own) => self.refreshed(gpu, scene, (map, batch), own)?,
                 None => {
                     let now = self.sorted(gpu, scene, (map, batch))?;
-                    self.moved.push(Moved::come(&now.part));
+                    self.moved.push(Moved::came(&now.part));
                     now
                 }
             };
@@ -401,12 +416,14 @@ impl Points {
         stage.finish()?;
         let [means, mean_histories] = self.means(gpu, count)?;
         let part = Part { points, slots, means, mean_histories };
-        let bindings = [scene.bindings(), part.bindings(batch)].concat();
+        let none = &self.none;
+        let bindings = [scene.bindings(), part.bindings(batch), none.nobody()].concat();
+        let params = PointsParams { fresh: 1, ..params };
         let mut stage = gpu.stage("points_record");
         if self.even {
-            stage.dispatch(&self.mean[1], mean_threads(count), &bindings, &params)?;
+            stage.dispatch(&self.mean, mean_threads(count), &bindings, &params)?;
         }
-        stage.dispatch(&self.record[1], count.into(), &bindings, &params)?;
+        stage.dispatch(&self.record, count.into(), &bindings, &params)?;
         stage.finish()?;
         Ok(part)
     }
@@ -507,12 +524,12 @@ impl Points {
 
     /// Bytes that an update takes beside the points, at most: work lists of slots, of points
     /// that are kept and whose light changed, at 4.25 bytes an item; the light that points had
-    /// before; half of them sorted by themselves, all of them merged, and their order; and those
-    /// whose light changed, at most 70 % as many as there are points, twice.
+    /// before; 80 % of them sorted by themselves, with room for that, all of them merged, and
+    /// their order; and those whose light changed, at most 70 % as many as there are points, twice.
     pub fn update_bytes(&self) -> u64 {
         let slots: u64 = self.batches.iter().map(|batch| u64::from(batch.all_slots)).sum();
         let points = self.count();
-        (17 * slots + 2 * 17 * points) / 4 + (16 + 4 + 73) * points + self.bytes() * 3 / 2
+        (17 * slots + 2 * 17 * points) / 4 + (16 + 7 + 4 + 73) * points + self.bytes() * 9 / 5
     }
 
     /// Bytes of the sorted points and their tables.
@@ -526,19 +543,8 @@ fn mean_threads(count: u32) -> u64 {
     u64::from(count.div_ceil(MEAN_BLOCK) * GROUP)
 }
 
-fn record_kernels(gpu: &Gpu, scene: &DeviceScene, even: bool) -> Result<[Arc<Kernel>; 2]> {
+fn record_kernel(gpu: &Gpu, scene: &DeviceScene, even: bool) -> Result<Arc<Kernel>> {
     let mut flags = scene.flags(&["anisotropic"]);
     flags.extend(even.then_some("even"));
-    two_kernels(gpu, "points_record", flags)
-}
-
-/// A kernel for points that were there, and one for new ones.
-fn two_kernels(
-    gpu: &Gpu,
-    name: &'static str,
-    mut flags: Vec<&'static str>,
-) -> Result<[Arc<Kernel>; 2]> {
-    let old = gpu.kernel(name, &flags)?;
-    flags.push("fresh");
-    Ok([old, gpu.kernel(name, &flags)?])
+    gpu.kernel("points_record", &flags)
 }

@@ -28,12 +28,12 @@ impl Points {
         new.compact(gpu.stage("list"), None)?;
         if self.is_sorting_cheaper(new.count, kept.count) {
             let now = self.sorted(gpu, scene, (map, batch))?;
-            self.moved.extend([Moved::gone(&own.part), Moved::come(&now.part)]);
+            self.moved.extend([Moved::gone(&own.part), Moved::came(&now.part)]);
             return Ok(now);
         }
         self.moved.push(self.refresh(gpu, scene, batch, (&own.part, Some(&kept)))?);
         let new = self.part(gpu, scene, batch, (&new, 0))?;
-        self.moved.push(Moved::come(&new));
+        self.moved.push(Moved::came(&new));
         own.part = self.merged(gpu, (&own.part, &kept), &new)?;
         Ok(own)
     }
@@ -41,7 +41,7 @@ impl Points {
     /// Whether to sort all points anew rather than those that moved, and merge them with those
     /// that are kept. Merging was measured to pay until 60 % moved; until 80 % where means are
     /// known, which sorting anew forgets; where extinction changed, until 10 % if it changed
-    /// around all points, and 80 % if around few.
+    /// around all points, and 80 % if around few: half is between.
     fn is_sorting_cheaper(&self, moved: u32, kept: u32) -> bool {
         let share = match (self.even, self.params.changed == [0, 0]) {
             (false, _) => 0.6,
@@ -88,11 +88,11 @@ impl Points {
         let mut stage = gpu.stage("points_record");
         changed.unmark(&mut stage);
         if self.even && params.changed != [0, 0] {
-            stage.dispatch(&self.mean[0], mean_threads(count), &bindings, &params)?;
+            stage.dispatch(&self.mean, mean_threads(count), &bindings, &params)?;
         }
-        stage.dispatch(&self.record[0], count.into(), &bindings, &params)?;
+        stage.dispatch(&self.record, count.into(), &bindings, &params)?;
         stage.finish()?;
-        Ok(Moved::some(part, &seen, changed, kept.map_or(count, |kept| kept.count)))
+        Ok(Moved::some(part, &seen, changed))
     }
 
     /// Points that are kept and new ones.

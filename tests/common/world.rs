@@ -65,7 +65,8 @@ pub fn world(estimator: Estimator, weighting: Weighting, filter: Filter) -> (Sce
 
 pub fn frame(scene: &Scene, volume: &Volume, split: &Split) -> PhotonFrame {
     let device = DeviceScene::new(gpu(), scene, volume).expect("uploads");
-    let mut frame = PhotonFrame::new(gpu(), scene, device, 1, split).expect("fits");
+    let mut frame =
+        PhotonFrame::new(gpu(), scene, device, scene.settings.rays, split).expect("fits");
     frame.rebuild(gpu(), split, &mut Progress::silent()).expect("rebuilds");
     frame
 }
@@ -138,8 +139,19 @@ pub fn random_world(dice: &mut Dice) -> (Scene, Volume) {
         }
     };
     let volume = volume.expect("a sound volume");
-    let mut scene = super::scene_over(&volume, &WORLD[WORLD.find("[camera]").expect("a camera")..]);
+    let text = &WORLD[WORLD.find("[camera]").expect("a camera")..];
+    // A third light, so that one is seldom more than half of all.
+    let third =
+        "[[light]]\nkind = \"surroundings\"\nname = \"third\"\nshare = 0.5\nradiance = 0.1\n";
+    let mut scene = super::scene_over(&volume, &format!("{text}{third}"));
+    let (glows, is_askew) = (dice.below(2) == 0, dice.below(2) == 0);
     for material in &mut scene.materials {
+        if glows {
+            material.emission = DVec3::new(0.02, 0.01, 0.0) * dice.unit();
+        }
+        if is_askew {
+            material.phase_g = dice.unit() - 0.5;
+        }
         let (low, width) = (200.0 * dice.unit(), 20.0 + 100.0 * dice.unit());
         material.ramp = [(0.0, 0.0), (0.2, 1.0), (0.7, 1.0), (1.0, 0.0)]
             .map(|(at, weight)| [value(low + at * width), weight])
@@ -166,7 +178,11 @@ pub fn random_world(dice: &mut Dice) -> (Scene, Volume) {
         light.share = 0.2 + 0.6 * dice.unit();
     }
     let settings = &mut scene.settings;
-    settings.estimator = Some([Estimator::Fluence, Estimator::Points][dice.below(2)]);
+    // The fluence knows isotropic scattering only.
+    settings.estimator = match is_askew {
+        true => Some(Estimator::Points),
+        false => Some([Estimator::Fluence, Estimator::Fluence, Estimator::Points][dice.below(3)]),
+    };
     settings.weighting = [Weighting::Even, Weighting::Plain][dice.below(2)];
     settings.spatial = [Spatial::Exact, Spatial::Exact, Spatial::Axes][dice.below(3)];
     settings.skip_empty = dice.below(4) > 0;
@@ -179,11 +195,13 @@ pub fn random_world(dice: &mut Dice) -> (Scene, Volume) {
     settings.segments = 1 + dice.below(7) as u32;
     settings.step = 0.5 + dice.unit();
     settings.seed = dice.roll();
+    // With several rays a pixel every update computes all segments.
+    settings.rays = if dice.below(8) == 0 { 2 } else { 1 };
     settings.flux_unit = None;
     scene.settle(&volume);
     // Sums of more than one word.
     scene.settings.flux_unit =
-        scene.settings.flux_unit.map(|unit| unit * 0.5_f64.powi(dice.below(14) as i32));
+        scene.settings.flux_unit.map(|unit| unit * 0.5_f64.powi(4 + dice.below(10) as i32));
     (scene, volume)
 }
 
