@@ -80,6 +80,7 @@ fn what_cannot_be_edited_is_refused() {
         (&["edit", "scene.toml", "--edit", "nothing"], "no edit is called `nothing`"),
         (&["edit", "scene.toml", "--edit", "dark", "--method", "reference"], "photon map"),
         (&["edit", "scene.toml", "--edit", "dark", "-o", "x.jpg"], ".exr"),
+        (&["edit", "scene.toml", "--edit", "dark", "--rays", "4"], "one ray a pixel"),
     ] {
         let said = place.refused(args);
         assert!(said.contains(what), "{args:?}: {said}");

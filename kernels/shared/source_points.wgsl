@@ -118,6 +118,7 @@ fn gather(
     var q = Query(point, weight, toward, 0u);
     var i = 0u;
     var row = 0u;
+    // (Mesa's software adapter 22.3 crashes if the loop's condition asks for it instead.)
     if field.had == 1u {
         while i < q.end || row < rows {
             if i >= q.end {

@@ -24,6 +24,10 @@ pub fn run_edit(adapter: &AdapterChoice, args: &EditArgs) -> Result<()> {
     let (mut scene, volume) = prepare(&args.scene)?;
     ensure!(scene.settings.method == Method::PhotonMap, "edits are updates of the photon map");
     ensure!(!args.scene.edit.is_empty(), "no edit is named: add --edit NAME, once for each");
+    ensure!(
+        args.scene.rays.is_none_or(|rays| rays == 1),
+        "an update keeps the segments of one ray a pixel: leave --rays out"
+    );
     scene.settings.rays = 1;
     scene.check_against(&volume)?;
     let gpu = Gpu::open(adapter)?;
