@@ -1,19 +1,18 @@
-// Items in another order: words or, with `twos` or `fours`, two or four of them each. The highest bit of `order`
-// tells which of two arrays an item is from.
+// What a gather asks for, of points that come together in a new order. Of those that are kept
+// (`all` is 1) `order` tells which comes at each place; others come at the places that it tells.
 
 import package::constants::GROUP;
 import package::shared::item::item_index;
-import package::shared::points::{PointsParams, OTHER};
+import package::shared::points::PointsParams;
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
 @group(0) @binding(9) var<storage, read> order: array<u32>;
-@group(0) @binding(10) var<storage, read> before: array<Item>;
-@group(0) @binding(11) var<storage, read> others: array<Item>;
-@group(0) @binding(12) var<storage, read_write> after: array<Item>;
-
-@if(twos && !fours) alias Item = vec2<u32>;
-@if(fours) alias Item = vec4<u32>;
-@if(!twos && !fours) alias Item = u32;
+@group(0) @binding(10) var<storage, read> seen_keys: array<u32>;
+@group(0) @binding(11) var<storage, read> seen_places: array<vec4<u32>>;
+@group(0) @binding(12) var<storage, read> seen_lights: array<vec4<f32>>;
+@group(0) @binding(13) var<storage, read_write> keys: array<u32>;
+@group(0) @binding(14) var<storage, read_write> point_places: array<vec4<u32>>;
+@group(0) @binding(15) var<storage, read_write> point_lights: array<vec4<f32>>;
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -23,6 +22,9 @@ fn main(
 ) {
     let i = item_index(group, groups, local);
     if i >= params.count { return; }
-    let item = order[i];
-    if (item & OTHER) == 0u { after[i] = before[item]; } else { after[i] = others[item - OTHER]; }
+    let point = select(i, order[i], params.all == 1u);
+    let place = select(order[i], i, params.all == 1u);
+    keys[place] = seen_keys[point];
+    point_places[place] = seen_places[point];
+    point_lights[place] = seen_lights[point];
 }

@@ -1,5 +1,5 @@
 // Where new points, sorted by themselves, come among those that are kept, in their old order:
-// each marks its place. Equal keys stand in the order of their slots, as a sort of all would
+// each marks its place, and notes it. Equal keys stand in the order of their slots, as a sort of all would
 // have them.
 
 import package::shared::item::item_index;
@@ -13,6 +13,7 @@ import package::constants::GROUP;
 @group(0) @binding(11) var<storage, read> seen_slots: array<u32>;
 @group(0) @binding(12) var<storage, read> new_keys: array<u32>;
 @group(0) @binding(13) var<storage, read> new_slots: array<u32>;
+@group(0) @binding(14) var<storage, read_write> new_places: array<u32>;
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -34,4 +35,5 @@ fn main(
         if precedes { low = middle + 1u; } else { high = middle; }
     }
     mark(low + i);
+    new_places[i] = low + i;
 }

@@ -1,9 +1,9 @@
-// The order of merged points: at a marked place comes the next new one, elsewhere the next of
-// those that are kept. `ranks` is the prefix sum of how many each word of marks has.
+// Which kept point comes at each place of merged ones: the next, but where a new one is marked.
+// `ranks` is the prefix sum of how many each word of marks has.
 
 import package::shared::item::item_index;
 import package::shared::marks::marks;
-import package::shared::points::{PointsParams, OTHER};
+import package::shared::points::PointsParams;
 import package::constants::GROUP;
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
@@ -22,9 +22,6 @@ fn main(
     let bits = atomicLoad(&marks[place / 32u]);
     let bit = 1u << (place % 32u);
     let new_before = ranks[place / 32u] + countOneBits(bits & (bit - 1u));
-    if (bits & bit) != 0u {
-        order[place] = new_before + OTHER;
-    } else {
-        order[place] = kept[place - new_before];
-    }
+    order[place] = 0u;
+    if (bits & bit) == 0u { order[place] = kept[place - new_before]; }
 }

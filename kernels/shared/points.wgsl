@@ -30,9 +30,6 @@ struct Change {
     now: vec4<f32>,
 }
 
-// An order's bit for the second of two arrays that items are from.
-const OTHER: u32 = 0x80000000u;
-
 fn points_cell(position: vec3<f32>, params: PointsParams) -> vec3<i32> {
     let cell = vec3<i32>(floor(position / params.radius));
     return clamp(cell, vec3<i32>(0), vec3<i32>(params.grid) - 1);

@@ -46,7 +46,9 @@ pub const KERNELS: &[(&str, &[&str])] = &[
     ("points_dirty", &[]),
     ("points_take", &[]),
     ("points_join", &[]),
-    ("points_arrange", &["twos", "fours"]),
+    ("points_place", &[]),
+    ("points_arrange", &[]),
+    ("points_origins", &["even"]),
     (
         "segment",
         &[

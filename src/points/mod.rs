@@ -224,8 +224,9 @@ pub struct Points {
     dirty: Arc<Kernel>,
     take: Arc<Kernel>,
     join: Arc<Kernel>,
-    /// Of words, of two and of four of them.
-    arrange: [Arc<Kernel>; 3],
+    place: Arc<Kernel>,
+    arrange: Arc<Kernel>,
+    origins: Arc<Kernel>,
 }
 
 impl Points {
@@ -282,11 +283,9 @@ impl Points {
             dirty: gpu.kernel("points_dirty", &[])?,
             take: gpu.kernel("points_take", &[])?,
             join: gpu.kernel("points_join", &[])?,
-            arrange: [
-                gpu.kernel("points_arrange", &[])?,
-                gpu.kernel("points_arrange", &["twos"])?,
-                gpu.kernel("points_arrange", &["fours"])?,
-            ],
+            place: gpu.kernel("points_place", &[])?,
+            arrange: gpu.kernel("points_arrange", &[])?,
+            origins: gpu.kernel("points_origins", if even { &["even"] } else { &[] })?,
         })
     }
 
@@ -407,9 +406,13 @@ impl Points {
         stage.finish()?;
         Sorter::new(gpu, count)?.sort(gpu, &keys, &slots, count, self.key_bits)?;
         let points = Sorted::new(gpu, keys, count, &params)?;
-        let mut stage = gpu.stage("points_starts");
-        let places = [&batch.places, &batch.places, &points.places];
-        self.arrange(&mut stage, &self.arrange[2], (&slots, count), places)?;
+        let mut stage = gpu.stage("points_place");
+        let places = [
+            ("slots", (&slots).into()),
+            ("places", (&batch.places).into()),
+            ("point_places", (&points.places).into()),
+        ];
+        stage.dispatch(&self.place, count.into(), &places, &params)?;
         if buckets > 0 {
             self.find(&mut stage, &points)?;
         }
@@ -439,24 +442,6 @@ impl Points {
 
     fn params(&self, count: u32) -> PointsParams {
         PointsParams { count, ..self.params }
-    }
-
-    /// Items in another order: `to[i]` is the one of `from` that `order[i]` tells, or, where the
-    /// highest bit is set, of `others`.
-    fn arrange(
-        &self,
-        stage: &mut Stage,
-        kernel: &Kernel,
-        (order, count): (&wgpu::Buffer, u32),
-        [from, others, to]: [&wgpu::Buffer; 3],
-    ) -> Result<()> {
-        let bindings = [
-            ("order", order.into()),
-            ("before", from.into()),
-            ("others", others.into()),
-            ("after", to.into()),
-        ];
-        stage.dispatch(kernel, count.into(), &bindings, &self.params(count))
     }
 
     /// Records where each bucket begins.

@@ -99,18 +99,19 @@ impl Points {
     fn merged(&self, gpu: &Gpu, (before, kept): (&Part, &WorkList), new: &Part) -> Result<Part> {
         let count = kept.count + new.points.count;
         let words = |stage: &'static str| gpu.buffer::<u32>(stage, count as usize);
-        // The places of new points are marked, and the list becomes the order of all.
+        // The places of new points are marked, and the list tells who comes elsewhere.
         let list = WorkList::new(gpu, count)?;
-        let order = &list.items;
+        let new_places = words("new places")?;
         let bindings = [
             ("kept", (&kept.items).into()),
             ("seen_keys", (&before.points.keys).into()),
             ("seen_slots", (&before.slots).into()),
             ("new_keys", (&new.points.keys).into()),
             ("new_slots", (&new.slots).into()),
+            ("new_places", (&new_places).into()),
             ("marks", (&list.marks).into()),
             ("ranks", (&list.ranks).into()),
-            ("order", order.into()),
+            ("order", (&list.items).into()),
         ];
         let params = PointsParams { first: kept.count, ..self.params(new.points.count) };
         let mut stage = gpu.stage("points_merge");
@@ -121,17 +122,28 @@ impl Points {
         let points = Sorted::new(gpu, words("points keys")?, count, &self.params)?;
         let [means, mean_histories] = self.means(gpu, count)?;
         let part = Part { slots: words("points slots")?, means, mean_histories, points };
-        let [words, twos, fours] = &self.arrange;
-        let all: [(_, [_; 3]); 6] = [
-            (fours, [before, new, &part].map(|part| &part.points.places)),
-            (fours, [before, new, &part].map(|part| &part.points.lights)),
-            (words, [before, new, &part].map(|part| &part.points.keys)),
-            (words, [before, new, &part].map(|part| &part.slots)),
-            (words, [before, new, &part].map(|part| &part.means)),
-            (twos, [before, new, &part].map(|part| &part.mean_histories)),
-        ];
-        for (kernel, buffers) in &all[..if self.even { 6 } else { 4 }] {
-            self.arrange(&mut stage, kernel, (order, count), *buffers)?;
+        // Of those that are kept some come twice, at first: where new ones come then.
+        let kept = PointsParams { all: 1, ..self.params(count) };
+        let new_ones = PointsParams { all: 0, ..self.params(new.points.count) };
+        let all = [(before, &list.items, kept), (new, &new_places, new_ones)];
+        for (from, order, params) in all {
+            let bindings = [
+                ("order", order.into()),
+                ("seen_keys", (&from.points.keys).into()),
+                ("seen_places", (&from.points.places).into()),
+                ("seen_lights", (&from.points.lights).into()),
+                ("seen_slots", (&from.slots).into()),
+                ("seen_means", (&from.means).into()),
+                ("seen_histories", (&from.mean_histories).into()),
+                ("keys", (&part.points.keys).into()),
+                ("point_places", (&part.points.places).into()),
+                ("point_lights", (&part.points.lights).into()),
+                ("slots", (&part.slots).into()),
+                ("means", (&part.means).into()),
+                ("mean_histories", (&part.mean_histories).into()),
+            ];
+            stage.dispatch(&self.arrange, params.count.into(), &bindings, &params)?;
+            stage.dispatch(&self.origins, params.count.into(), &bindings, &params)?;
         }
         self.find(&mut stage, &part.points)?;
         stage.finish()?;

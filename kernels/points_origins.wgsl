@@ -1,0 +1,29 @@
+// What updates ask for, of points that come together in a new order, as `points_arrange` has it.
+
+import package::constants::GROUP;
+import package::shared::item::item_index;
+import package::shared::points::PointsParams;
+
+@group(0) @binding(8) var<uniform> params: PointsParams;
+@group(0) @binding(9) var<storage, read> order: array<u32>;
+@group(0) @binding(10) var<storage, read> seen_slots: array<u32>;
+@group(0) @binding(11) var<storage, read_write> slots: array<u32>;
+@if(even) @group(0) @binding(12) var<storage, read> seen_means: array<f32>;
+@if(even) @group(0) @binding(13) var<storage, read_write> means: array<f32>;
+@if(even) @group(0) @binding(14) var<storage, read> seen_histories: array<vec2<u32>>;
+@if(even) @group(0) @binding(15) var<storage, read_write> mean_histories: array<vec2<u32>>;
+
+@compute @workgroup_size(GROUP)
+fn main(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let i = item_index(group, groups, local);
+    if i >= params.count { return; }
+    let point = select(i, order[i], params.all == 1u);
+    let place = select(order[i], i, params.all == 1u);
+    slots[place] = seen_slots[point];
+    @if(even) { means[place] = seen_means[point]; }
+    @if(even) { mean_histories[place] = seen_histories[point]; }
+}
