@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
+use crate::work::WorkList;
 
 /// Parts in which each counter is summed on the device.
 pub const COUNTER_STRIPES: u32 = 256;
@@ -146,7 +147,19 @@ impl CounterBuffer {
     /// # Errors
     /// The device failed.
     pub fn read(&self, gpu: &Gpu) -> Result<Counters> {
-        let words = gpu.read::<u32>("counters", &self.counters)?;
+        self.read_with(gpu, &mut [])
+    }
+
+    /// Reads them, and how many items lists have that were recorded.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn read_with(&self, gpu: &Gpu, lists: &mut [&mut WorkList]) -> Result<Counters> {
+        let mut parts = vec![(&self.counters, 0..WORDS as u64)];
+        parts.extend(lists.iter().map(|list| list.length()));
+        let mut words = gpu.read_words("counters", &parts)?;
+        let counts = words.split_off(WORDS);
+        lists.iter_mut().zip(counts).for_each(|(list, count)| list.count = count);
         let sum = |part: &[u32]| part.iter().map(|&word| u64::from(word)).sum::<u64>();
         let sums = words.chunks_exact(2 * COUNTER_STRIPES as usize).map(|counter| {
             let (low, high) = counter.split_at(COUNTER_STRIPES as usize);

@@ -21,6 +21,8 @@ pub struct Cost {
     pub stages: Vec<Timing>,
     /// Wall-clock time, ms.
     pub total: f64,
+    /// How often the host waited for the device.
+    pub waits: u64,
     /// The stages' times, summed by phase.
     #[serde(skip)]
     pub phases: Phases,
@@ -97,7 +99,7 @@ pub fn update(
     progress: &mut Progress,
 ) -> Result<(Scope, Updated, Cost)> {
     gpu.take_timings()?;
-    let begun = Instant::now();
+    let begun = (Instant::now(), gpu.waits());
     let scope = frame.edit(gpu, scene, &Split::default())?;
     let updated = frame.update(gpu, &Split::default(), progress)?;
     Ok((scope, updated, cost(gpu, begun, &updated)?))
@@ -113,7 +115,7 @@ pub fn rebuild(
     progress: &mut Progress,
 ) -> Result<(Updated, Cost)> {
     gpu.take_timings()?;
-    let begun = Instant::now();
+    let begun = (Instant::now(), gpu.waits());
     let rebuilt = frame.rebuild(gpu, &Split::default(), progress)?;
     let cost = cost(gpu, begun, &rebuilt)?;
     Ok((rebuilt, cost))
@@ -128,10 +130,10 @@ pub fn fresh(gpu: &Gpu, scene: &Scene, volume: &Volume) -> Result<PhotonFrame> {
     PhotonFrame::new(gpu, scene, device, 1, &Split::default())
 }
 
-fn cost(gpu: &Gpu, begun: Instant, updated: &Updated) -> Result<Cost> {
+fn cost(gpu: &Gpu, (begun, waits): (Instant, u64), updated: &Updated) -> Result<Cost> {
     gpu.wait("measure")?;
-    let total = milliseconds(begun.elapsed());
-    Ok(Cost { stages: gpu.take_timings()?.rows().to_vec(), total, phases: updated.phases })
+    let (total, waits) = (milliseconds(begun.elapsed()), gpu.waits() - waits);
+    Ok(Cost { stages: gpu.take_timings()?.rows().to_vec(), total, waits, phases: updated.phases })
 }
 
 /// What differs between two frames of the same scene.

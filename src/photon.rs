@@ -339,7 +339,7 @@ impl PhotonMap {
         Ok(())
     }
 
-    /// Lists the photons of a batch that an edit touches.
+    /// Lists the photons of a batch that an edit touches; how many is to be learned yet.
     ///
     /// # Errors
     /// The device failed.
@@ -349,20 +349,19 @@ impl PhotonMap {
         scene: &DeviceScene,
         counters: &CounterBuffer,
         (batch, risen): (usize, u64),
-        split: &Split,
     ) -> Result<()> {
         self.params.risen = words(risen);
         let params = PhotonParams {
             relit: self.batches[batch].relit.into(),
             ..self.params(&self.batches[batch])
         };
-        let batch = &mut self.batches[batch];
+        let batch = &self.batches[batch];
         let mut bindings = [scene.bindings(), batch.bindings()].concat();
         bindings.push(("counters", counters.buffer().into()));
         let mut stage = gpu.stage("photon_query");
         batch.list.unmark(&mut stage);
         stage.dispatch(&self.query, batch.photons.into(), &bindings, &params)?;
-        batch.list.compact(stage, split.shuffle)
+        batch.list.record(stage)
     }
 
     /// What the kernels are told about a batch.
@@ -473,7 +472,7 @@ impl PhotonMap {
         chosen.rank(&mut stage)?;
         stage.dispatch(&self.choose, params.listed.div_ceil(32).into(), &bindings, &params)?;
         stage.finish()?;
-        chosen.learn_count(gpu)?;
+        WorkList::learn(gpu, &mut [&mut *chosen])?;
         Ok(PhotonParams { listed: chosen.count, chosen: 1, ..params })
     }
 

@@ -6,11 +6,12 @@
 //! whose light changed is then taken out of them, and what they give is added, and nothing
 //! else is gathered again.
 
+use std::cell::Cell;
 use std::sync::Arc;
 
 use glam::{DAffine3, Vec3};
 
-use crate::counter::CounterBuffer;
+use crate::counter::{CounterBuffer, Counters};
 use crate::dirty::Dirty;
 use crate::error::{Error, Result};
 use crate::film::Image;
@@ -206,6 +207,8 @@ pub struct SegmentMap {
     composite: Arc<Kernel>,
     gather_pace: Pace,
     correct_pace: Pace,
+    /// What was counted, as it was read last.
+    counted: Cell<Counters>,
 }
 
 impl SegmentMap {
@@ -284,6 +287,7 @@ impl SegmentMap {
             )?,
             gather_pace: Pace::new(1 << 12),
             correct_pace: Pace::new(1 << 12),
+            counted: Cell::default(),
         })
     }
 
@@ -325,7 +329,7 @@ impl SegmentMap {
 
     /// Computes the segments that read an entry of `query`, or see light that changed, and
     /// the image, ray after ray. Returns how many segments were computed, of how many of
-    /// them light alone was corrected, and how many there are.
+    /// them light alone was corrected, and how many there are; and what was counted so far.
     ///
     /// # Errors
     /// The device failed.
@@ -335,7 +339,7 @@ impl SegmentMap {
         query: u64,
         split: &Split,
         progress: &mut Progress,
-    ) -> Result<[u64; 3]> {
+    ) -> Result<([u64; 3], Counters)> {
         let gpu = stage.gpu;
         let rays = self.strata[0] * self.strata[1];
         let total = u64::from(rays) * u64::from(self.params.height);
@@ -366,7 +370,8 @@ impl SegmentMap {
             }
         }
         self.bands.iter_mut().for_each(|band| band.fresh = false);
-        Ok([recomputed + corrected, corrected, u64::from(rays) * self.count()])
+        let segments = [recomputed + corrected, corrected, u64::from(rays) * self.count()];
+        Ok((segments, self.counted.get()))
     }
 
     /// Parts in which to gather the points, so that no thread tests many more than
@@ -408,8 +413,11 @@ impl SegmentMap {
         let mut dispatch = stage.gpu.stage("segment_query");
         band.list.unmark(&mut dispatch);
         dispatch.dispatch(&self.query, items.into(), &bindings, &params)?;
-        band.list.compact(dispatch, split.shuffle)?;
-        stage.counters.read(stage.gpu)?.all_finished("segment_query", "raise `segments`")
+        band.list.record(dispatch)?;
+        let after = stage.counters.read_with(stage.gpu, &mut [&mut band.list])?;
+        self.counted.set(after);
+        band.list.shuffle(stage.gpu, split.shuffle)?;
+        after.all_finished("segment_query", "raise `segments`")
     }
 
     /// Computes the listed segments of a band from the whole light field. Where the driver
@@ -429,8 +437,9 @@ impl SegmentMap {
             LightField::Points(points) => (points.runs(), MAX_PARTS),
         };
         loop {
-            self.gather_runs(stage, at, &runs, (*parts, 1))?;
+            self.gather_runs(stage, at, &runs, (*parts, true))?;
             let after = counters.read(gpu)?;
+            self.counted.set(after);
             if after.unfinished == 0 {
                 return Ok(listed);
             }
@@ -456,8 +465,9 @@ impl SegmentMap {
             return Ok(0);
         }
         stage.counters.save(stage.gpu)?;
-        self.gather_runs(stage, at, runs, (*parts, 0))?;
-        if stage.counters.read(stage.gpu)?.unfinished == 0 {
+        self.gather_runs(stage, at, runs, (*parts, false))?;
+        self.counted.set(stage.counters.read(stage.gpu)?);
+        if self.counted.get().unfinished == 0 {
             return Ok(listed.into());
         }
         // Half-corrected sums are of no use: all is gathered.
@@ -465,16 +475,17 @@ impl SegmentMap {
         self.gather(stage, at, parts)
     }
 
-    /// Gathers runs of points one after the other, each in `parts`, from `begins` = 1 on or
-    /// from the sums that are there.
+    /// Gathers runs of points one after the other, each in `parts`: `anew`, or on top of the sums
+    /// that are there.
     fn gather_runs(
         &self,
         stage: &SegmentStage,
         (band, ray): (usize, u32),
         runs: &[Run],
-        (parts, begins): (u32, u32),
+        (parts, anew): (u32, bool),
     ) -> Result<()> {
         let band = &self.bands[band];
+        let pace = if anew { &self.gather_pace } else { &self.correct_pace };
         let count = u64::from(band.list.count);
         for (i, run) in runs.iter().enumerate() {
             let mut bindings = [stage.device.bindings(), run.bindings.clone()].concat();
@@ -491,7 +502,7 @@ impl SegmentMap {
                     pixels: band.rows * self.params.width,
                     strata: self.strata,
                     ray,
-                    begins: begins * u32::from(i == 0 && part == 0),
+                    begins: u32::from(anew && i == 0 && part == 0),
                     points_begin: bound(part),
                     points_end: bound(part + 1),
                     ..self.params
@@ -502,7 +513,6 @@ impl SegmentMap {
                     let params = SegmentParams { first_item, items, ..params };
                     slice.dispatch(&self.segment, items.into(), &bindings, &params)
                 };
-                let pace = if begins == 1 { &self.gather_pace } else { &self.correct_pace };
                 stage.gpu.sliced("segment", count, pace, work, &mut |_| ())?;
             }
         }

@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use crate::error::Result;
-use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
 use crate::gpu::run::Stage;
 use crate::gpu::scan::Scanner;
+use crate::gpu::{Gpu, Words};
 use crate::light::hash;
 
 shared_struct! {
@@ -103,13 +103,23 @@ impl WorkList {
         fill(gpu, "list", &self.marks, &[u32::MAX])
     }
 
-    /// Reads how many are marked, the words being ranked.
+    /// Where the device has how many are listed.
+    pub fn length(&self) -> Words<'_> {
+        let words = u64::from(self.capacity.div_ceil(32));
+        (&self.ranks, words..words + 1)
+    }
+
+    /// Reads how many items lists have that were recorded.
     ///
     /// # Errors
     /// The device failed.
-    pub fn learn_count(&mut self, gpu: &Gpu) -> Result<()> {
-        let words = self.capacity.div_ceil(32);
-        self.count = gpu.read_word("list", &self.ranks, words.into())?;
+    pub fn learn(gpu: &Gpu, lists: &mut [&mut Self]) -> Result<()> {
+        if lists.is_empty() {
+            return Ok(());
+        }
+        let parts = lists.iter().map(|list| list.length()).collect::<Vec<_>>();
+        let counts = gpu.read_words("list", &parts)?;
+        lists.iter_mut().zip(counts).for_each(|(list, count)| list.count = count);
         Ok(())
     }
 
@@ -125,12 +135,12 @@ impl WorkList {
         self.scanner.record(stage, &self.ranks, words + 1)
     }
 
-    /// Lists the marked items, in their order, as the end of the stage that marks them.
+    /// Lists the marked items, in their order, as the end of the stage that marks them. How many
+    /// they are is to be learned yet.
     ///
     /// # Errors
     /// The device failed.
-    pub fn compact(&mut self, mut stage: Stage, shuffle: Option<u64>) -> Result<()> {
-        let gpu = stage.gpu();
+    pub fn record(&self, mut stage: Stage) -> Result<()> {
         self.rank(&mut stage)?;
         let bindings = [
             ("marks", (&self.marks).into()),
@@ -140,12 +150,18 @@ impl WorkList {
         let words = self.capacity.div_ceil(32);
         let params = ListParams { count: self.capacity };
         stage.dispatch(&self.list, words.into(), &bindings, &params)?;
-        stage.finish()?;
-        self.learn_count(gpu)?;
-        if shuffle.is_some() {
+        stage.finish()
+    }
+
+    /// Puts the items in another order, if there is a seed for it.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn shuffle(&self, gpu: &Gpu, seed: Option<u64>) -> Result<()> {
+        if seed.is_some() {
             let mut items = gpu.read::<u32>("list", &self.items)?;
             items.truncate(self.count as usize);
-            gpu.write(&self.items, &shuffled(items, shuffle));
+            gpu.write(&self.items, &shuffled(items, seed));
         }
         Ok(())
     }

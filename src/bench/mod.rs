@@ -122,6 +122,7 @@ fn typical(costs: &[Cost]) -> Cost {
     Cost {
         stages: stages.collect(),
         total: of(&|c| c.total),
+        waits: of(&|c| c.waits as f64) as u64,
         phases: Phases {
             photons: of(&|c| c.phases.photons),
             light_field: of(&|c| c.phases.light_field),

@@ -12,6 +12,7 @@ pub mod scan;
 pub mod sort;
 
 use std::collections::HashMap;
+use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -78,6 +79,9 @@ pub struct AdapterReport {
     /// Whether the device can time its own work.
     pub timestamps: bool,
 }
+
+/// A buffer, and which 32-bit words of it are asked for.
+pub type Words<'a> = (&'a wgpu::Buffer, Range<u64>);
 
 /// A kernel's name and the flags that are set, sorted.
 type KernelKey = (&'static str, Vec<&'static str>);
@@ -318,25 +322,26 @@ impl Gpu {
     /// # Errors
     /// The device failed.
     pub fn read<T: bytemuck::Pod>(&self, stage: &str, buffer: &wgpu::Buffer) -> Result<Vec<T>> {
-        self.fetch(stage, buffer, 0, buffer.size())
+        self.fetch(stage, &[(buffer, 0..buffer.size())])
     }
 
-    /// One 32-bit word of a buffer.
+    /// Copies 32-bit words of buffers back to the host, together: a device that is waited for
+    /// once rests less than one that is waited for again and again.
     ///
     /// # Errors
     /// The device failed.
-    pub fn read_word(&self, stage: &str, buffer: &wgpu::Buffer, index: u64) -> Result<u32> {
-        self.fetch(stage, buffer, 4 * index, 4).map(|words| words[0])
+    pub fn read_words(&self, stage: &str, parts: &[Words]) -> Result<Vec<u32>> {
+        let parts = parts.iter().map(|(buffer, words)| (*buffer, 4 * words.start..4 * words.end));
+        self.fetch(stage, &parts.collect::<Vec<_>>())
     }
 
-    /// Copies so many bytes of a buffer, all work on it being done.
+    /// Copies bytes of buffers, all work on them being done.
     fn fetch<T: bytemuck::Pod>(
         &self,
         stage: &str,
-        buffer: &wgpu::Buffer,
-        offset: u64,
-        bytes: u64,
+        parts: &[(&wgpu::Buffer, Range<u64>)],
     ) -> Result<Vec<T>> {
+        let bytes = parts.iter().map(|(_, part)| part.end - part.start).sum();
         // Short readings are many, and a new buffer for each takes longer than the copy.
         let is_short = bytes <= SHORT;
         let spare = if is_short { lock(&self.staging).pop() } else { None };
@@ -349,7 +354,12 @@ impl Gpu {
             })
         });
         let mut recorder = lock(&self.recorder);
-        recorder.encoder(self).copy_buffer_to_buffer(buffer, offset, &staging, 0, bytes);
+        let (encoder, mut at) = (recorder.encoder(self), 0);
+        for (buffer, part) in parts {
+            let bytes = part.end - part.start;
+            encoder.copy_buffer_to_buffer(buffer, part.start, &staging, at, bytes);
+            at += bytes;
+        }
         recorder.submit(self);
         drop(recorder);
         // Whatever the callback would say, the mapping below says again.
@@ -376,6 +386,7 @@ impl Gpu {
     /// Waits until all recorded work is done.
     pub(crate) fn wait(&self, stage: &str) -> Result<()> {
         self.submit();
+        lock(&self.clock).waits += 1;
         // wgpu panics where it finds the device lost while it waits, and only there.
         let waited = catch_unwind(AssertUnwindSafe(|| {
             self.device.poll(wgpu::PollType::wait_indefinitely())

@@ -102,6 +102,8 @@ pub(super) struct Clock {
     spare: Vec<Stamps>,
     pub(super) phase: usize,
     phases: [f64; PHASES],
+    /// How often the host has waited for the device.
+    pub(super) waits: u64,
 }
 
 /// How many items of one kind of work a slice takes, as its past slices tell.
@@ -140,7 +142,20 @@ impl Gpu {
         lock(&self.clock).phase = phase;
     }
 
-    /// The sum of all times of each phase, ms, all work being done.
+    /// How often the host has waited for the device since it was opened.
+    pub fn waits(&self) -> u64 {
+        lock(&self.clock).waits
+    }
+
+    /// Has times summed by phase from here on: what was dispatched before is of phase 0.
+    pub fn restart_phases(&self) {
+        self.submit();
+        let mut clock = lock(&self.clock);
+        clock.phases = Default::default();
+        clock.unread.iter_mut().flat_map(|(_, names)| names).for_each(|(_, phase)| *phase = 0);
+    }
+
+    /// The sum of the times of each phase, ms, all work being done.
     ///
     /// # Errors
     /// The device failed.

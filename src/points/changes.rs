@@ -54,10 +54,11 @@ impl Moved {
         Self { count: *count, keys, places, lights: lights.map(|l| l.cloned()), marked }
     }
 
+    /// How many are marked is to be learned yet.
     fn list(&mut self, gpu: &Gpu) -> Result<WorkList> {
         let stage = gpu.stage("list");
         match self.marked.take() {
-            Some(mut list) => list.compact(stage, None).map(|()| list),
+            Some(list) => list.record(stage).map(|()| list),
             None => {
                 let mut list = WorkList::new(gpu, self.count)?;
                 list.fill(stage, None).map(|()| list)
@@ -82,7 +83,10 @@ impl Points {
     pub fn compare(&mut self, gpu: &Gpu, dirty: &Dirty, counters: &CounterBuffer) -> Result<u64> {
         let moved = std::mem::take(&mut self.moved).into_iter();
         let listed = moved.map(|mut m| m.list(gpu).map(|list| (m, list)));
-        let listed = listed.collect::<Result<Vec<_>>>()?;
+        let mut listed = listed.collect::<Result<Vec<_>>>()?;
+        // A list of all knows its length.
+        let lists = listed.iter_mut().map(|(_, list)| list).filter(|list| list.count == 0);
+        WorkList::learn(gpu, &mut lists.collect::<Vec<_>>())?;
         self.mark_around(gpu, (dirty, counters), &listed)?;
         if matches!(self.changes, Changes::None) {
             self.changes = self.found(gpu, &listed)?;

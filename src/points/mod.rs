@@ -359,7 +359,7 @@ impl Points {
     ) -> Result<SortedBatch> {
         let all_slots = batch.photons * map.max_events;
         let mut live = self.live(gpu, batch, all_slots, true)?;
-        live.compact(gpu.stage("list"), None)?;
+        WorkList::learn(gpu, &mut [&mut live])?;
         Ok(SortedBatch {
             key: (batch.light_id, batch.first_index),
             photons: batch.photons,
@@ -368,7 +368,8 @@ impl Points {
         })
     }
 
-    /// The slots of a batch that enter the light field, marked: of all, or of those that moved.
+    /// The slots of a batch that enter the light field, of all or of those that moved; how many
+    /// is to be learned yet.
     fn live(&self, gpu: &Gpu, batch: &Batch, all_slots: u32, all: bool) -> Result<WorkList> {
         let live = WorkList::new(gpu, all_slots)?;
         let bindings = [
@@ -379,7 +380,7 @@ impl Points {
         let params = PointsParams { all: all.into(), ..self.params(all_slots) };
         let mut stage = gpu.stage("points_mark");
         stage.dispatch(&self.mark, all_slots.div_ceil(32).into(), &bindings, &params)?;
-        stage.finish()?;
+        live.record(stage)?;
         Ok(live)
     }
 

@@ -23,9 +23,9 @@ impl Points {
             self.moved.push(self.refresh(gpu, scene, batch, (&own.part, None))?);
             return Ok(own);
         }
-        let kept = self.kept(gpu, batch, &own.part)?;
+        let mut kept = self.kept(gpu, batch, &own.part)?;
         let mut new = self.live(gpu, batch, own.all_slots, false)?;
-        new.compact(gpu.stage("list"), None)?;
+        WorkList::learn(gpu, &mut [&mut kept, &mut new])?;
         if self.is_sorting_cheaper(new.count, kept.count) {
             let now = self.sorted(gpu, scene, (map, batch))?;
             self.moved.extend([Moved::gone(&own.part), Moved::came(&now.part)]);
@@ -51,10 +51,10 @@ impl Points {
         f64::from(moved) > share * (f64::from(moved) + f64::from(kept))
     }
 
-    /// Finds the points of a part that are where they were.
+    /// Finds the points of a part that are where they were; how many is to be learned yet.
     fn kept(&self, gpu: &Gpu, batch: &Batch, part: &Part) -> Result<WorkList> {
         let count = part.points.count;
-        let mut kept = WorkList::new(gpu, count)?;
+        let kept = WorkList::new(gpu, count)?;
         let bindings = [
             ("moved", (&batch.moved).into()),
             ("slots", (&part.slots).into()),
@@ -62,7 +62,7 @@ impl Points {
         ];
         let mut stage = gpu.stage("points_keep");
         stage.dispatch(&self.keep, count.div_ceil(32).into(), &bindings, &self.params(count))?;
-        kept.compact(stage, None)?;
+        kept.record(stage)?;
         Ok(kept)
     }
 

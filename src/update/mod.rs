@@ -9,13 +9,14 @@
 //! abandoned at any boundary of its stages, and another edit made: the next one asks for
 //! what either changed, and that is all there is to clean up.
 
+mod edit;
+
 use crate::counter::{CounterBuffer, Counters};
 use crate::dirty::Dirty;
 use crate::error::{Error, Result};
 use crate::fluence::Fluence;
 use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
-use crate::light::Lights;
 use crate::photon::{PhotonMap, PhotonParams};
 use crate::points::Points;
 use crate::query::{CHANGE_EMISSION, CHANGE_FALLEN, CHANGE_RISEN, Query};
@@ -165,184 +166,6 @@ impl PhotonFrame {
         self.counters.read(gpu)
     }
 
-    /// Takes an edited scene; an update must follow. Materials, lights, camera and
-    /// background may differ from what is shown.
-    ///
-    /// # Errors
-    /// Something else differs, or the estimator does not suit the scene: nothing has
-    /// happened then. Memory does not suffice or the device failed: the next update
-    /// rebuilds everything.
-    pub fn edit(&mut self, gpu: &Gpu, scene: &Scene, split: &Split) -> Result<Scope> {
-        if !self.source.settings.history {
-            return Err(Error::setting("without histories (`history`) no edit can be applied"));
-        }
-        let size = |s: &Scene| (s.camera.width, s.camera.height);
-        if (&scene.settings, &scene.volume, scene.filter, size(scene))
-            != (&self.source.settings, &self.source.volume, self.source.filter, size(&self.source))
-        {
-            return Err(Error::setting(
-                "an edit cannot change settings, volume, filter or image size: render anew",
-            ));
-        }
-        let table = self.scene.table_of(scene);
-        let chosen = match self.field {
-            LightField::Fluence(_) => Estimator::Fluence,
-            LightField::Points(_) => Estimator::Points,
-        };
-        if scene.settings.estimator.is_none()
-            && table.is_isotropic() != (chosen == Estimator::Fluence)
-        {
-            return Err(Error::setting(
-                "the edit asks for another estimator, since phase_g is 0 everywhere or not: name \
-                 `estimator` in [settings]",
-            ));
-        }
-        if chosen == Estimator::Fluence && !table.is_isotropic() {
-            return Err(not_isotropic());
-        }
-        let lights = Lights::of(scene, &self.scene.local_from_world)?;
-        let result = self.apply(gpu, scene, (table, lights), split);
-        if result.is_err() {
-            (self.fresh, self.pending) = (true, true);
-        }
-        result
-    }
-
-    /// Has the next update estimate the light anew from the photons that there are. Of the
-    /// settings, `estimator`, `weighting`, `radius`, `grid` and `rays` may differ.
-    ///
-    /// # Errors
-    /// Another setting differs, memory does not suffice, or the estimator does not suit the
-    /// scene: nothing has happened then.
-    pub fn estimate(&mut self, gpu: &Gpu, settings: &Settings, split: &Split) -> Result<()> {
-        let mut scene = self.source.clone();
-        let own = &mut scene.settings;
-        (own.estimator, own.weighting) = (settings.estimator, settings.weighting);
-        (own.radius, own.grid, own.rays) = (settings.radius, settings.grid, settings.rays);
-        if own != settings {
-            return Err(Error::setting(
-                "of a frame's settings only `estimator`, `weighting`, `radius`, `grid` and `rays` \
-                 can change: render anew",
-            ));
-        }
-        let (field, estimator, dirty) = light_field(gpu, &self.scene, settings)?;
-        let segments = SegmentMap::new(gpu, &scene, &self.scene, &field, settings.rays, split)?;
-        self.counters.clear(gpu)?;
-        self.source = scene;
-        (self.field, self.estimator, self.dirty) = (field, estimator, dirty);
-        (self.segments, self.pending) = (segments, true);
-        Ok(())
-    }
-
-    fn apply(
-        &mut self,
-        gpu: &Gpu,
-        scene: &Scene,
-        (table, lights): (crate::transfer::Table, Lights),
-        split: &Split,
-    ) -> Result<Scope> {
-        self.counters.clear(gpu)?;
-        let suits = self.scene.suits(&table);
-        let change =
-            Query::between(&self.scene.table, &table, &self.scene.bins, self.scene.frame.majorant);
-        let relit = self.relight(gpu, scene, &lights, split)?;
-        self.query.add(&change);
-        self.scene.edit(gpu, table, lights, &self.query);
-        let before = std::mem::replace(&mut self.source, scene.clone());
-        let repainted = scene.background != before.background;
-        self.map.arrange(gpu, &self.scene.lights, &light_ids(scene))?;
-        let moved = self.segments.look(scene, &self.scene)?;
-        if !suits {
-            self.map.respecialise(gpu, &self.scene)?;
-            if let LightField::Points(points) = &mut self.field {
-                points.respecialise(gpu, &self.scene)?;
-            }
-            self.segments.respecialise(gpu, &self.scene, &self.field)?;
-            self.restart();
-            return Ok(Scope::Everything(
-                "the scene is the first or the last with emission or anisotropic scattering: \
-                 other kernels",
-            ));
-        }
-        if self.fresh {
-            return Ok(Scope::Everything(
-                "most photons begin elsewhere, or nothing is computed yet",
-            ));
-        }
-        let touched = relit || moved || repainted || !change.is_empty();
-        self.pending |= touched;
-        Ok(if touched { Scope::Part } else { Scope::Nothing })
-    }
-
-    /// Applies edits of lights: the photons of those that moved or went are withdrawn, of
-    /// those that only shine otherwise noted. Where most would be withdrawn, all is computed
-    /// anew. Returns whether any light changed.
-    fn relight(
-        &mut self,
-        gpu: &Gpu,
-        scene: &Scene,
-        lights: &Lights,
-        split: &Split,
-    ) -> Result<bool> {
-        let before = self.scene.lights;
-        let ids = light_ids(&self.source);
-        let mut changed = light_ids(scene) != ids;
-        let mut withdrawn = Vec::new();
-        for (id, old) in ids.iter().zip(&before.all) {
-            let at = scene.lights.iter().position(|light| light.id == *id);
-            let new = at.map(|at| lights.all[at]);
-            let stays = new.filter(|new| {
-                let same_place = crate::light::Light { radiance: old.radiance, ..*new };
-                same_place == *old
-            });
-            changed |= new != Some(*old);
-            for i in 0..self.map.batches.len() {
-                if self.map.batches[i].light_id != *id {
-                    continue;
-                }
-                match stays {
-                    Some(new) => self.map.batches[i].relit |= new.radiance != old.radiance,
-                    None => withdrawn.push(i),
-                }
-            }
-        }
-        if self.fresh {
-            return Ok(changed);
-        }
-        let photons = withdrawn.iter().map(|&i| u64::from(self.map.batches[i].photons));
-        match 2 * photons.sum::<u64>() > u64::from(before.photons) {
-            true => self.restart(),
-            false => withdrawn.into_iter().try_for_each(|i| self.withdraw(gpu, i, split))?,
-        }
-        Ok(changed)
-    }
-
-    /// Takes the photons of a batch out of the light field, and forgets them.
-    fn withdraw(&mut self, gpu: &Gpu, index: usize, split: &Split) -> Result<()> {
-        self.map.batches[index].list_all(gpu, split.shuffle)?;
-        let batch = &self.map.batches[index];
-        match &self.field {
-            LightField::Fluence(fluence) if fluence.current => {
-                let params = PhotonParams { sign: -1, ..self.map.params(batch) };
-                let slots = (params, self.map.live_bindings(batch));
-                let silent = &mut Progress::silent();
-                fluence.deposit(gpu, &self.scene, slots, &self.counters, silent)?;
-            }
-            // Sums that are not current begin anew; points are compared with those seen.
-            LightField::Fluence(_) | LightField::Points(_) => {}
-        }
-        let batch = &mut self.map.batches[index];
-        (batch.stale, batch.relit) = (true, false);
-        batch.forget(gpu)
-    }
-
-    /// Has the next update compute everything.
-    fn restart(&mut self) {
-        self.map.batches.iter_mut().for_each(|b| (b.stale, b.relit) = (true, false));
-        self.segments.restart();
-        (self.fresh, self.pending) = (true, true);
-    }
-
     /// Computes what edits have touched since the last update that came to its end, unless
     /// `progress` has it abandoned on the way.
     ///
@@ -370,10 +193,12 @@ impl PhotonFrame {
                 self.map.arrange(gpu, &self.scene.lights, &light_ids(&self.source))?;
                 self.restart();
             }
-            let before = gpu.phase_ms()?;
+            gpu.restart_phases();
             gpu.enter(PHOTONS);
-            done.listed = self.list_photons(gpu, split)?;
-            if !self.photons(gpu, done.listed, progress)? || progress.stops("light field") {
+            let found = self.list_photons(gpu, split)?;
+            done.listed = self.map.batches.iter().map(|batch| u64::from(batch.list.count)).sum();
+            if !self.photons(gpu, (done.listed, found), progress)? || progress.stops("light field")
+            {
                 return Ok(done);
             }
             gpu.enter(LIGHT_FIELD);
@@ -382,17 +207,16 @@ impl PhotonFrame {
                 return Ok(done);
             }
             gpu.enter(SEGMENTS);
-            [done.recomputed, done.corrected, done.segments] = self.view(gpu, split, progress)?;
-            done.counts = self.counts(gpu)?;
+            let (segments, counts) = self.view(gpu, split, progress)?;
+            ([done.recomputed, done.corrected, done.segments], done.counts) = (segments, counts);
             done.counts.all_fitted()?;
             self.settle(gpu)?;
             gpu.enter(ELSEWHERE);
-            let after = gpu.phase_ms()?;
-            let took = |phase: usize| after[phase] - before[phase];
+            let took = gpu.phase_ms()?;
             done.phases = Phases {
-                photons: took(PHOTONS),
-                light_field: took(LIGHT_FIELD),
-                segments: took(SEGMENTS),
+                photons: took[PHOTONS],
+                light_field: took[LIGHT_FIELD],
+                segments: took[SEGMENTS],
             };
         } else {
             done.counts = self.counts(gpu)?;
@@ -404,30 +228,43 @@ impl PhotonFrame {
         Ok(done)
     }
 
-    /// Lists the photons that are to be traced or weighed again; returns how many.
-    fn list_photons(&mut self, gpu: &Gpu, split: &Split) -> Result<u64> {
+    /// Lists the photons that are to be traced or weighed again; returns what that counted.
+    fn list_photons(&mut self, gpu: &Gpu, split: &Split) -> Result<Counters> {
+        let mut queried = Vec::new();
         let blind = self.query.changes.iter().all(|c| c & !CHANGE_EMISSION == 0);
         for i in 0..self.map.batches.len() {
-            if self.fresh {
-                self.map.batches[i].list_all(gpu, split.shuffle)?;
-            } else if blind && !self.map.batches[i].relit && !self.map.batches[i].stale {
-                self.map.batches[i].list.count = 0;
-            } else {
-                let what = (i, self.query.risen);
-                self.map.list(gpu, &self.scene, &self.counters, what, split)?;
+            let batch = &mut self.map.batches[i];
+            queried.push(!self.fresh && (!blind || batch.relit || batch.stale));
+            match (self.fresh, queried[i]) {
+                (true, _) => batch.list_all(gpu, split.shuffle)?,
+                (_, true) => {
+                    self.map.list(gpu, &self.scene, &self.counters, (i, self.query.risen))?;
+                }
+                _ => batch.list.count = 0,
             }
         }
-        Ok(self.map.batches.iter().map(|batch| u64::from(batch.list.count)).sum())
+        let batches = self.map.batches.iter_mut().zip(queried).filter(|(_, is)| *is);
+        let mut lists = batches.map(|(batch, _)| &mut batch.list).collect::<Vec<_>>();
+        if lists.is_empty() {
+            return Ok(Counters::default());
+        }
+        let found = self.counters.read_with(gpu, &mut lists)?;
+        lists.iter().try_for_each(|list| list.shuffle(gpu, split.shuffle))?;
+        Ok(found)
     }
 
-    /// Traces and weighs the listed photons. Flights that changed leave the fluence and come
+    /// Traces and weighs the photons that were `found` and listed. Flights that changed leave the fluence and come
     /// back to it part by part, or, where they are many, all is summed anew in the end.
-    fn photons(&mut self, gpu: &Gpu, listed: u64, progress: &mut Progress) -> Result<bool> {
+    fn photons(
+        &mut self,
+        gpu: &Gpu,
+        (listed, found): (u64, Counters),
+        progress: &mut Progress,
+    ) -> Result<bool> {
         if let LightField::Fluence(fluence) = &mut self.field {
             fluence.current &= !self.fresh;
         }
-        let (mut seen, mut changed, before) = (0, 0, self.counts(gpu)?);
-        let mut known = before;
+        let (mut seen, mut changed, mut known) = (0, 0, found);
         for i in 0..self.map.batches.len() {
             let count = self.map.batches[i].list.count;
             self.map.batches[i].stale |= count > 0;
@@ -445,7 +282,7 @@ impl PhotonFrame {
                 self.map.copy(gpu, batch, &part, 1)?;
                 let (scene, counters) = (&self.scene, &self.counters);
                 let again = (batch, part.clone());
-                let only_weighed = before.invalid == 0
+                let only_weighed = found.invalid == 0
                     && !batch.relit
                     && self.map.weigh(gpu, scene, counters, again, progress)?;
                 if !only_weighed {
@@ -526,7 +363,13 @@ impl PhotonFrame {
     }
 
     /// Computes the segments that read what changed or see light that did, and the image.
-    fn view(&mut self, gpu: &Gpu, split: &Split, progress: &mut Progress) -> Result<[u64; 3]> {
+    /// Returns what [`SegmentMap::update`] does.
+    fn view(
+        &mut self,
+        gpu: &Gpu,
+        split: &Split,
+        progress: &mut Progress,
+    ) -> Result<([u64; 3], Counters)> {
         let read = match self.field {
             LightField::Points(_) if self.source.settings.spatial != Spatial::Off => {
                 CHANGE_RISEN | CHANGE_FALLEN | CHANGE_EMISSION
