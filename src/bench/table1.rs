@@ -99,6 +99,7 @@ const COLUMNS: [&str; 29] = [
     "field ms",
     "gather ms",
     "total ms",
+    "waits for the device",
     "speed-up",
     "mismatches",
     "relMSE of stale light",
@@ -238,6 +239,7 @@ fn measured(
         round(cost.phases.light_field),
         round(cost.phases.segments),
         round(cost.total),
+        json!(cost.waits),
         round(speedup),
         json!(
             mismatches.photon_mismatches
