@@ -77,7 +77,7 @@ const VARIANTS: [Variant; 3] = [
     },
 ];
 
-const COLUMNS: [&str; 29] = [
+const COLUMNS: [&str; 30] = [
     "edit",
     "variant",
     "photons",
