@@ -1,6 +1,6 @@
 // Where new points, sorted by themselves, come among those that are kept, in their old order:
-// each marks its place, and notes it. Equal keys stand in the order of their slots, as a sort of all would
-// have them.
+// each marks its place, and notes it. Equal keys stand in the order of their slots, as a sort of
+// all would have them.
 
 import package::shared::item::item_index;
 import package::shared::marks::mark;

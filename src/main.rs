@@ -117,6 +117,8 @@ enum What {
     Overhead,
     /// Kinds of bins of histories
     Bins,
+    /// Points sorted anew or merged, over how many moved
+    Merging,
 }
 
 #[derive(Args)]

@@ -63,6 +63,9 @@ pub struct Split {
     pub band_rows: Option<u32>,
     /// Photons that the journal of an update holds, at most; `None`: 64 MiB of slots.
     pub journal: Option<u32>,
+    /// Whether updates sort all points of a batch anew, and do not merge those that moved with the
+    /// others; `None`: where that was measured to be faster.
+    pub sort: Option<bool>,
     /// Shuffles the work lists with this seed, to show that order does not matter.
     pub shuffle: Option<u64>,
 }

@@ -32,6 +32,7 @@ fn random_edits_of_random_scenes_leave_what_a_rebuild_leaves() {
             batch_photons: Some(300),
             band_rows: Some(BAND_ROWS),
             journal: Some(128),
+            sort: [None, Some(true), Some(false)][world as usize % 3],
             shuffle: Some(world).filter(|_| dice.below(3) == 0),
         };
         let mut frame = frame(&home, &volume, &split);

@@ -5,6 +5,7 @@
 //! medians of several runs; ratios are between figures of one run on one adapter.
 
 pub mod bins;
+pub mod merging;
 pub mod overhead;
 mod report;
 pub mod sweeps;

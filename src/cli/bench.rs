@@ -19,6 +19,7 @@ pub fn run_bench(adapter: &AdapterChoice, args: &BenchArgs) -> Result<()> {
         What::Visits => bench::visits::run(&gpu, effort, progress),
         What::Overhead => bench::overhead::run(&gpu, effort, progress),
         What::Bins => bench::bins::run(&gpu, effort, progress),
+        What::Merging => bench::merging::run(&gpu, effort, progress),
     })?;
     say(format_args!(
         "adapter {}, kernel times by {}; scale {}, medians of {}",

@@ -25,7 +25,7 @@ use crate::gpu::sort::Sorter;
 use crate::gpu::{GROUP, Gpu};
 use crate::photon::{Batch, PhotonMap};
 use crate::query::{CHANGE_ALBEDO, CHANGE_FALLEN, CHANGE_PHASE, CHANGE_RISEN, Query};
-use crate::render::Progress;
+use crate::render::{Progress, Split};
 use crate::scene::{Settings, Weighting};
 use crate::segment::Run;
 use crate::work::WorkList;
@@ -206,6 +206,8 @@ pub struct Points {
     moved: Vec<Moved>,
     /// The points whose light changed since all segments were computed.
     changes: Changes,
+    /// Points of a batch that the last build did not find where they had been.
+    pub(crate) elsewhere: u64,
     /// Means have histories.
     history: bool,
     /// Segments have not seen what an earlier build changed.
@@ -267,6 +269,7 @@ impl Points {
             batches: Vec::new(),
             moved: Vec::new(),
             changes: Changes::None,
+            elsewhere: 0,
             history: settings.history,
             unsettled: false,
             mark: gpu.kernel("points_mark", &[])?,
@@ -315,10 +318,11 @@ impl Points {
         gpu: &Gpu,
         scene: &DeviceScene,
         map: &mut PhotonMap,
-        query: &Query,
+        (query, split): (&Query, &Split),
         progress: &mut Progress,
     ) -> Result<()> {
         let total = map.batches.len();
+        self.elsewhere = 0;
         let mut before = std::mem::take(&mut self.batches);
         // Segments correct their sums by what one build changed, not by two.
         self.changes = if self.unsettled { Changes::TooMany } else { Changes::None };
@@ -334,7 +338,7 @@ impl Points {
             let own = before.iter().position(|sorted| sorted.is_of(batch));
             let now = match own.map(|at| before.swap_remove(at)) {
                 Some(own) if !all && !batch.stale => own,
-                Some(own) => self.refreshed(gpu, scene, (map, batch), own)?,
+                Some(own) => self.refreshed(gpu, scene, (map, batch), (own, split))?,
                 None => {
                     let now = self.sorted(gpu, scene, (map, batch))?;
                     self.moved.push(Moved::came(&now.part));
@@ -510,12 +514,12 @@ impl Points {
 
     /// Bytes that an update takes beside the points, at most: work lists of slots, of points
     /// that are kept and whose light changed, at 4.25 bytes an item; the light that points had
-    /// before; 80 % of them sorted by themselves, with room for that, all of them merged, and
-    /// their order; and those whose light changed, at most 70 % as many as there are points, twice.
+    /// before; 80 % of them sorted by themselves, with room for that, all of them merged, their
+    /// order and the places of those; and those whose light changed, at most 70 % as many as there are points, twice.
     pub fn update_bytes(&self) -> u64 {
         let slots: u64 = self.batches.iter().map(|batch| u64::from(batch.all_slots)).sum();
         let points = self.count();
-        (17 * slots + 2 * 17 * points) / 4 + (16 + 7 + 4 + 73) * points + self.bytes() * 9 / 5
+        (17 * slots + 2 * 17 * points) / 4 + (16 + 7 + 8 + 73) * points + self.bytes() * 9 / 5
     }
 
     /// Bytes of the sorted points and their tables.

@@ -7,6 +7,7 @@ use crate::error::Result;
 use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
 use crate::photon::{Batch, PhotonMap};
+use crate::render::Split;
 use crate::work::WorkList;
 
 impl Points {
@@ -17,7 +18,7 @@ impl Points {
         gpu: &Gpu,
         scene: &DeviceScene,
         (map, batch): (&PhotonMap, &Batch),
-        mut own: SortedBatch,
+        (mut own, split): (SortedBatch, &Split),
     ) -> Result<SortedBatch> {
         if !batch.any_moved {
             self.moved.push(self.refresh(gpu, scene, batch, (&own.part, None))?);
@@ -26,7 +27,8 @@ impl Points {
         let mut kept = self.kept(gpu, batch, &own.part)?;
         let mut new = self.live(gpu, batch, own.all_slots, false)?;
         WorkList::learn(gpu, &mut [&mut kept, &mut new])?;
-        if self.is_sorting_cheaper(new.count, kept.count) {
+        self.elsewhere += u64::from(new.count);
+        if split.sort.unwrap_or_else(|| self.is_sorting_cheaper(new.count, kept.count)) {
             let now = self.sorted(gpu, scene, (map, batch))?;
             self.moved.extend([Moved::gone(&own.part), Moved::came(&now.part)]);
             return Ok(now);
@@ -101,7 +103,7 @@ impl Points {
         let words = |stage: &'static str| gpu.buffer::<u32>(stage, count as usize);
         // The places of new points are marked, and the list tells who comes elsewhere.
         let list = WorkList::new(gpu, count)?;
-        let new_places = words("new places")?;
+        let new_places = gpu.buffer::<u32>("new places", new.points.count as usize)?;
         let bindings = [
             ("kept", (&kept.items).into()),
             ("seen_keys", (&before.points.keys).into()),

@@ -202,7 +202,7 @@ impl PhotonFrame {
                 return Ok(done);
             }
             gpu.enter(LIGHT_FIELD);
-            done.points = self.light_field(gpu, progress)?;
+            done.points = self.light_field(gpu, split, progress)?;
             if progress.stops("segments") {
                 return Ok(done);
             }
@@ -337,13 +337,13 @@ impl PhotonFrame {
 
     /// Brings the light field up to date, and marks where light changed. Returns how many
     /// points changed.
-    fn light_field(&mut self, gpu: &Gpu, progress: &mut Progress) -> Result<u64> {
+    fn light_field(&mut self, gpu: &Gpu, split: &Split, progress: &mut Progress) -> Result<u64> {
         match &mut self.field {
             LightField::Points(points) => {
                 if self.fresh {
                     points.forget();
                 }
-                points.build(gpu, &self.scene, &mut self.map, &self.query, progress)?;
+                points.build(gpu, &self.scene, &mut self.map, (&self.query, split), progress)?;
                 if self.fresh {
                     return Ok(points.count());
                 }

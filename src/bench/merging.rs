@@ -1,0 +1,125 @@
+//! From where on sorting all points anew is faster than merging those that moved with the
+//! others: edits of growing size, each as either.
+
+use serde_json::json;
+
+use super::{Chart, Effort, Report, Series, Sheet, built_in, median, warm};
+use crate::error::Result;
+use crate::gpu::Gpu;
+use crate::measure;
+use crate::render::{Progress, Split};
+use crate::scene::{Estimator, Scene, Weighting};
+use crate::segment::LightField;
+use crate::update::PhotonFrame;
+
+/// Scenes of one light, whose points are one batch.
+const SCENES: [&str; 2] = ["hand", "engine"];
+/// What the first materials' extinctions are multiplied by.
+const FACTORS: [f64; 3] = [0.9, 0.5, 0.1];
+
+/// Measures the update of the light field after edits of extinctions.
+///
+/// # Errors
+/// Memory does not suffice; the device failed.
+pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report> {
+    let mut report = Report::new(gpu, "merging", effort);
+    let columns = [
+        "scene",
+        "light field",
+        "materials",
+        "factor",
+        "points",
+        "moved %",
+        "sorted ms",
+        "merged ms",
+    ];
+    let mut sheet = Sheet::new("merging", &columns);
+    let mut series = Vec::new();
+    for (i, name) in SCENES.into_iter().enumerate() {
+        for weighting in [Weighting::Plain, Weighting::Even] {
+            progress.at("merging", i as u64, SCENES.len() as u64);
+            let mut scene = built_in(name)?;
+            scene.scale(effort.scale);
+            // Nothing is asked of segments.
+            (scene.camera.width, scene.camera.height) = (16, 16);
+            let settings = &mut scene.settings;
+            (settings.estimator, settings.weighting) = (Some(Estimator::Points), weighting);
+            settings.rays = 1;
+            let volume = scene.volume.load()?;
+            scene.settle(&volume);
+            let silent = &mut Progress::silent();
+            let mut frame = measure::fresh(gpu, &scene, &volume)?;
+            frame.rebuild(gpu, &Split::default(), silent)?;
+            warm(gpu, &mut frame, silent)?;
+            let mut points = Vec::new();
+            for (count, factor) in edits(&scene) {
+                let after = thinned(&scene, count, factor);
+                let (mut ms, mut moved) = ([const { Vec::new() }; 2], 0.0);
+                for run in 0..=effort.runs {
+                    for sort in [true, false] {
+                        let (share, took) = update(gpu, &mut frame, &after, sort)?;
+                        update(gpu, &mut frame, &scene, false)?;
+                        // A driver may compile a kernel when it first runs.
+                        if run > 0 {
+                            ms[usize::from(!sort)].push(took);
+                        }
+                        moved = share;
+                    }
+                }
+                let [sorted, merged] = ms.map(median);
+                points.push((100.0 * moved, merged / sorted));
+                let round = |x: f64| json!((x * 1e3).round() / 1e3);
+                sheet.rows.push(vec![
+                    json!(name),
+                    json!(frame.estimator),
+                    json!(count),
+                    json!(factor),
+                    json!(held(&frame)[0]),
+                    round(100.0 * moved),
+                    round(sorted),
+                    round(merged),
+                ]);
+            }
+            points.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let name = format!("{name}, {}", frame.estimator);
+            series.push(Series { name, points, joined: true });
+        }
+    }
+    report.charts.push(Chart {
+        name: "merging".to_owned(),
+        title: "Points merged against sorted anew".to_owned(),
+        axes: ["points that moved, %".to_owned(), "time merged / sorted".to_owned()],
+        log_x: false,
+        series,
+    });
+    report.sheets.push(sheet);
+    Ok(report)
+}
+
+fn edits(scene: &Scene) -> impl Iterator<Item = (usize, f64)> {
+    (1..=scene.materials.len()).flat_map(|count| FACTORS.map(|factor| (count, factor)))
+}
+
+/// With another extinction of its first materials.
+fn thinned(scene: &Scene, count: usize, factor: f64) -> Scene {
+    let mut after = scene.clone();
+    after.materials[..count].iter_mut().for_each(|m| m.extinction *= factor);
+    after
+}
+
+/// Points, and how many of them the last update did not find where they had been.
+fn held(frame: &PhotonFrame) -> [u64; 2] {
+    match &frame.field {
+        LightField::Points(points) => [points.count(), points.elsewhere],
+        LightField::Fluence(_) => [0; 2],
+    }
+}
+
+/// The share of the points that moved, and the time that the light field took, ms.
+fn update(gpu: &Gpu, frame: &mut PhotonFrame, scene: &Scene, sort: bool) -> Result<(f64, f64)> {
+    let split = Split { sort: Some(sort), ..Split::default() };
+    frame.edit(gpu, scene, &split)?;
+    let updated = frame.update(gpu, &split, &mut Progress::silent())?;
+    let [all, moved] = held(frame);
+    Ok((moved as f64 / all.max(1) as f64, updated.phases.light_field))
+}
