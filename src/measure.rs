@@ -28,6 +28,18 @@ pub struct Cost {
     pub phases: Phases,
 }
 
+impl Cost {
+    /// Time in all kernels, ms.
+    pub fn kernels(&self) -> f64 {
+        self.phases.photons + self.phases.light_field + self.phases.segments
+    }
+
+    /// Time in some kernels, ms.
+    pub fn in_kernels(&self, names: &[&str]) -> f64 {
+        self.stages.iter().filter(|row| names.contains(&row.stage)).map(|row| row.ms).sum()
+    }
+}
+
 /// What an update left that a rebuild would not have: all zero, or a bug.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Mismatches {

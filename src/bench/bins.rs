@@ -4,11 +4,11 @@
 
 use serde_json::json;
 
-use super::{Effort, Report, Sheet, built_in, edited, median, percent, warm};
+use super::runs::{edit, in_turn, rebuild, warm};
+use super::{Effort, Report, Sheet, built_in, percent};
 use crate::error::Result;
 use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
-use crate::measure;
 use crate::photon::{SLOT_BYTES, State};
 use crate::query::{CHANGE_FALLEN, Query};
 use crate::render::{Progress, Split};
@@ -76,25 +76,20 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
             };
         let (mut photons, mut changed) = (0, 0);
         for (label, bins) in kinds(&volume) {
-            let silent = &mut Progress::silent();
             let device = DeviceScene::with_bins(gpu, &scene, &volume, bins)?;
             let mut frame = PhotonFrame::new(gpu, &scene, device, 1, &Split::default())?;
-            warm(gpu, &mut frame, silent)?;
-            let mut costs = Vec::new();
-            for _ in 0..effort.runs {
-                costs.push(measure::rebuild(gpu, &mut frame, silent)?.1.total);
-            }
-            let full = median(costs);
+            warm(gpu, &mut frame)?;
+            let [full] = in_turn(effort.runs, [&mut rebuild(gpu, &mut frame)])?;
             let flights = flights(gpu, &frame, &after)?;
-            let edit = edited(gpu, &mut frame, (&scene, &after), effort.runs, silent)?;
-            let (u, c) = (&edit.updated, &edit.updated.counts);
+            let [edited] = in_turn(effort.runs, [&mut edit(gpu, &mut frame, (&scene, &after))])?;
+            let (u, c) = (&edited.updated, &edited.updated.counts);
             (photons, changed) = (u.photons, c.changed);
             let mut row = start(label, c.invalid, (photons, changed), flights);
             row.extend([
                 round(percent(u.recomputed, u.segments)),
                 json!(SLOT_BYTES),
-                round(full),
-                round(edit.cost.total),
+                round(full.median(|cost| cost.total)),
+                round(edited.median(|cost| cost.total)),
             ]);
             sheet.rows.push(row);
         }

@@ -3,7 +3,8 @@
 
 use serde_json::json;
 
-use super::{Chart, Effort, Report, Series, Sheet, built_in, median, warm};
+use super::runs::{median, warm};
+use super::{Chart, Effort, Report, Series, Sheet, built_in};
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::measure;
@@ -50,7 +51,7 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
             let silent = &mut Progress::silent();
             let mut frame = measure::fresh(gpu, &scene, &volume)?;
             frame.rebuild(gpu, &Split::default(), silent)?;
-            warm(gpu, &mut frame, silent)?;
+            warm(gpu, &mut frame)?;
             let mut points = Vec::new();
             for (count, factor) in edits(&scene) {
                 let after = thinned(&scene, count, factor);

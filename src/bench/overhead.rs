@@ -2,10 +2,11 @@
 
 use serde_json::json;
 
-use super::{Effort, Report, Sheet, built_in, median, quantile, warm, without_histories};
+use super::runs::{in_turn, median, quantile, rebuild, warm};
+use super::{Effort, Report, Sheet, built_in, without_histories};
 use crate::error::Result;
 use crate::gpu::Gpu;
-use crate::measure;
+use crate::measure::{self, Cost};
 use crate::render::Progress;
 use crate::scene::Estimator;
 
@@ -41,33 +42,25 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
             }
             let volume = scene.volume.load()?;
             scene.settle(&volume);
-            let silent = &mut Progress::silent();
-            let mut frames = [
-                measure::fresh(gpu, &without_histories(&scene), &volume)?,
-                measure::fresh(gpu, &scene, &volume)?,
-            ];
-            warm(gpu, &mut frames[0], silent)?;
-            let (mut kernels, mut trace) = ([const { Vec::new() }; 2], [const { Vec::new() }; 2]);
-            for _ in 0..effort.runs {
-                for (i, frame) in frames.iter_mut().enumerate() {
-                    let p = measure::rebuild(gpu, frame, silent)?.1.phases;
-                    kernels[i].push(p.photons + p.light_field + p.segments);
-                    trace[i].push(p.photons);
-                }
-            }
-            // Of each pair of neighbouring runs: the machine is not as fast at all times.
-            let overheads = |[without, with]: &[Vec<f64>; 2]| -> Vec<f64> {
-                without.iter().zip(with).map(|(a, b)| 100.0 * (b / a - 1.0)).collect()
+            let mut plain = measure::fresh(gpu, &without_histories(&scene), &volume)?;
+            let mut kept = measure::fresh(gpu, &scene, &volume)?;
+            warm(gpu, &mut plain)?;
+            let [without, with] = in_turn(
+                effort.runs,
+                [&mut rebuild(gpu, &mut plain), &mut rebuild(gpu, &mut kept)],
+            )?;
+            let overheads = |of: fn(&Cost) -> f64| -> Vec<f64> {
+                with.over(&without, of).into_iter().map(|ratio| 100.0 * (ratio - 1.0)).collect()
             };
-            let (whole, traced) = (overheads(&kernels), overheads(&trace));
-            let [without, with] = kernels.map(median);
+            let whole = overheads(Cost::kernels);
+            let traced = overheads(|cost| cost.phases.photons);
             let round = |x: f64| json!((x * 100.0).round() / 100.0);
             sheet.rows.push(vec![
                 json!(name),
                 json!(estimator.to_string()),
                 json!(scene.settings.max_events),
-                round(without),
-                round(with),
+                round(without.median(Cost::kernels)),
+                round(with.median(Cost::kernels)),
                 round(median(whole.clone())),
                 round(quantile(whole.clone(), 0.25)),
                 round(quantile(whole, 0.75)),

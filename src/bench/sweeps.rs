@@ -3,8 +3,9 @@
 
 use serde_json::json;
 
+use super::runs::{edit, in_turn, median, rebuild};
 use super::{Chart, Effort, Report, Series, Sheet};
-use super::{built_in, edited, percent, rebuilt, without_histories};
+use super::{built_in, percent, without_histories};
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::measure;
@@ -151,7 +152,7 @@ impl Row {
 fn measured(
     gpu: &Gpu,
     effort: Effort,
-    (scene, edit, estimator, spatial): (&str, &str, Estimator, Spatial),
+    (scene, name, estimator, spatial): (&str, &str, Estimator, Spatial),
     change: &dyn Fn(&mut Scene),
 ) -> Result<Row> {
     let mut scene = built_in(scene)?;
@@ -162,23 +163,25 @@ fn measured(
     (settings.spatial, settings.rays) = (spatial, 1);
     let volume = scene.volume.load()?;
     scene.settle(&volume);
-    let after = scene.edited(edit)?;
-    let silent = &mut Progress::silent();
-    let full = rebuilt(gpu, &without_histories(&after), &volume, effort.runs, silent)?;
+    let after = scene.edited(name)?;
+    let mut fastest = measure::fresh(gpu, &without_histories(&after), &volume)?;
     let mut frame = measure::fresh(gpu, &scene, &volume)?;
-    frame.rebuild(gpu, &Split::default(), silent)?;
-    let edit = edited(gpu, &mut frame, (&scene, &after), effort.runs, silent)?;
-    let u = &edit.updated;
+    frame.rebuild(gpu, &Split::default(), &mut Progress::silent())?;
+    let [full, update] = in_turn(
+        effort.runs,
+        [&mut rebuild(gpu, &mut fastest), &mut edit(gpu, &mut frame, (&scene, &after))],
+    )?;
+    let u = &update.updated;
     Ok(Row {
-        full: full.cost.total,
-        update: edit.cost.total,
-        trace: edit.cost.phases.photons,
-        gather: edit.cost.phases.segments,
+        full: full.median(|cost| cost.total),
+        update: update.median(|cost| cost.total),
+        trace: update.median(|cost| cost.phases.photons),
+        gather: update.median(|cost| cost.phases.segments),
         shares: [
             percent(u.counts.invalid, u.photons),
             percent(u.counts.reweighed, u.photons),
             percent(u.recomputed, u.segments),
         ],
-        speedup: full.cost.total / edit.cost.total,
+        speedup: median(full.over(&update, |cost| cost.total)),
     })
 }

@@ -3,11 +3,12 @@
 
 use serde_json::json;
 
-use super::{Chart, Edited, Effort, Report, Series, Sheet};
-use super::{built_in, edited, percent, rebuilt, warm, without_histories};
+use super::runs::{edit, in_turn, median, rebuild, warm};
+use super::{Chart, Effort, Report, Series, Sheet};
+use super::{built_in, percent, without_histories};
 use crate::error::Result;
 use crate::gpu::Gpu;
-use crate::measure;
+use crate::measure::{self, Cost};
 use crate::metrics::Metrics;
 use crate::photon::State;
 use crate::query::Query;
@@ -190,28 +191,30 @@ fn measured(
     scene.settle(&volume);
     let after = scene.edited(row.edit)?;
     let silent = &mut Progress::silent();
-    let full = rebuilt(gpu, &without_histories(&after), &volume, effort.runs, silent)?;
-    let kept = rebuilt(gpu, &after, &volume, effort.runs, silent)?;
+    let mut fastest = measure::fresh(gpu, &without_histories(&after), &volume)?;
+    let mut fresh = measure::fresh(gpu, &after, &volume)?;
     let mut frame = measure::fresh(gpu, &scene, &volume)?;
     frame.rebuild(gpu, &Split::default(), silent)?;
     let touched = touched(gpu, &frame, &after)?;
-    // The device was idle.
-    warm(gpu, &mut frame, silent)?;
-    let edit = edited(gpu, &mut frame, (&scene, &after), effort.runs, silent)?;
+    warm(gpu, &mut fastest)?;
+    let [full, kept, update] = in_turn(
+        effort.runs,
+        [
+            &mut rebuild(gpu, &mut fastest),
+            &mut rebuild(gpu, &mut fresh),
+            &mut edit(gpu, &mut frame, (&scene, &after)),
+        ],
+    )?;
     measure::update(gpu, &mut frame, &after, silent)?;
-    let mut fresh = measure::fresh(gpu, &after, &volume)?;
-    fresh.rebuild(gpu, &Split::default(), silent)?;
     let mismatches = measure::compare(gpu, &frame, &fresh)?;
     let [shown, right] = [&frame, &fresh].map(|frame| frame.segments.image(gpu));
     let stale = Metrics::of(&shown?, &right?)?.rel_mse;
 
-    let Edited { updated, cost } = &edit;
+    let updated = &update.updated;
     let (photons, counts) = (updated.photons, &updated.counts);
-    let kernels = |e: &Edited| {
-        let p = e.cost.phases;
-        p.photons + p.light_field + p.segments
-    };
-    let speedup = full.cost.total / cost.total;
+    let speedup = median(full.over(&update, |cost| cost.total));
+    let overhead_here = 100.0 * (median(kept.over(&full, Cost::kernels)) - 1.0);
+    let (full, cost) = (full.typical(), update.typical());
     let [overhead, retraced, recomputed, paper] = row.paper;
     let round = |x: f64| json!((x * 1e3).round() / 1e3);
     sheet.rows.push(vec![
@@ -220,11 +223,11 @@ fn measured(
         json!(photons),
         json!(row.samples_per_voxel),
         json!(scene.settings.segments),
-        round(full.cost.phases.photons),
-        round(full.cost.phases.light_field),
-        round(full.cost.phases.segments),
-        round(full.cost.total),
-        round(100.0 * (kernels(&kept) / kernels(&full) - 1.0)),
+        round(full.phases.photons),
+        round(full.phases.light_field),
+        round(full.phases.segments),
+        round(full.total),
+        round(overhead_here),
         round(percent(touched.photons, photons)),
         round(percent(touched.of_interacting, touched.interacting)),
         round(percent(counts.invalid, photons)),

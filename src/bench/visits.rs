@@ -4,11 +4,12 @@
 use glam::DVec3;
 use serde_json::json;
 
-use super::{Chart, Edited, Effort, Report, Series, Sheet};
-use super::{built_in, edited, rebuilt, without_histories};
+use super::runs::{edit, in_turn, median, rebuild, warm};
+use super::{Chart, Effort, Report, Series, Sheet};
+use super::{built_in, without_histories};
 use crate::error::Result;
 use crate::gpu::Gpu;
-use crate::measure;
+use crate::measure::{self, Cost};
 use crate::render::{Progress, Split};
 use crate::scene::{Estimator, LightKind, Scene};
 use crate::update::Updated;
@@ -111,32 +112,34 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
         frame.rebuild(gpu, &Split::default(), silent)?;
         // A driver may compile a kernel when it first runs.
         for (_, after) in edits(&scene).iter().take(2) {
-            edited(gpu, &mut frame, (&scene, after), 1, silent)?;
+            in_turn(1, [&mut edit(gpu, &mut frame, (&scene, after))])?;
         }
         for (what, after) in edits(&scene) {
             let (kind, materials) = what;
-            let full = rebuilt(gpu, &without_histories(&after), &volume, effort.runs, silent)?;
-            let edit = edited(gpu, &mut frame, (&scene, &after), effort.runs, silent)?;
+            let mut fastest = measure::fresh(gpu, &without_histories(&after), &volume)?;
+            warm(gpu, &mut fastest)?;
+            let [full, update] = in_turn(
+                effort.runs,
+                [&mut rebuild(gpu, &mut fastest), &mut edit(gpu, &mut frame, (&scene, &after))],
+            )?;
             let label = [json!(name), json!(estimator.to_string()), json!(kind), json!(materials)];
             for ((stage, kernels, visits), series) in STAGES.iter().zip(&mut series) {
-                let ms = |e: &Edited| -> f64 {
-                    let rows = e.cost.stages.iter().filter(|t| kernels.contains(&t.stage));
-                    rows.map(|t| t.ms).sum()
-                };
-                let count = |e: &Edited| visits(&e.updated);
-                if count(&full) == 0 || ms(&full) == 0.0 {
+                let (all, some) = (visits(&full.updated), visits(&update.updated));
+                let ms = |cost: &Cost| cost.in_kernels(kernels);
+                let full_ms = full.median(ms);
+                if all == 0 || full_ms == 0.0 {
                     continue;
                 }
-                let share = count(&edit) as f64 / count(&full) as f64;
-                let time = ms(&edit) / ms(&full);
+                let share = some as f64 / all as f64;
+                let time = median(update.over(&full, ms));
                 series.points.push((share.max(1e-3), time));
                 let mut row = label.to_vec();
                 row.extend([
                     json!(stage),
-                    json!(count(&full)),
-                    json!(count(&edit)),
-                    json!(ms(&full)),
-                    json!(ms(&edit)),
+                    json!(all),
+                    json!(some),
+                    json!(full_ms),
+                    json!(update.median(ms)),
                     json!(share),
                     json!(time),
                     json!(time <= bound(share)),
@@ -145,9 +148,9 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
             }
             let mut row = label.to_vec();
             row.extend([
-                json!(full.cost.total),
-                json!(edit.cost.total),
-                json!(edit.cost.total / full.cost.total),
+                json!(full.median(|cost| cost.total)),
+                json!(update.median(|cost| cost.total)),
+                json!(median(update.over(&full, |cost| cost.total))),
                 json!(kind == EVERYTHING),
             ]);
             whole.rows.push(row);
