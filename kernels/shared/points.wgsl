@@ -11,7 +11,7 @@ struct PointsParams {
     shift: u32,
     buckets: u32,
     kernel: f32,           // 1 / (4/3 pi r^3)
-    first: u32,            // place of the first that is taken; of merged ones, how many are kept
+    first: u32,            // of merged points, how many are kept
     had: u32,              // 1: segments have seen light of what is taken, or of all there is
     step: u32,             // buckets from one that is looked for to the next; 0: far apart
     all: u32,              // 1: of all slots, not of those that moved

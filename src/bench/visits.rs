@@ -24,43 +24,33 @@ const SCENES: [(&str, Estimator); 7] = [
     ("kidneys", Estimator::Points),
 ];
 
-/// A stage's kernels and what it visits. Points are visited where their light changed; in a full
-/// rebuild all come.
-type Stage = (&'static str, &'static [&'static str], fn(&Updated) -> u64);
+/// What a stage takes, ms, and what it visits.
+type Stage = (&'static str, fn(&Cost) -> f64, fn(&Updated) -> u64);
 
-const STAGES: [Stage; 4] = [
-    (
-        "trace",
-        &["trace", "weigh", "photon_query", "journal", "compare", "chosen", "list_rank", "list"],
-        |u| u.counts.steps + u.counts.tentative,
-    ),
-    ("deposit", &["deposit", "resolve"], |u| u.counts.deposits),
-    (
-        "points",
-        &[
-            "points_mark",
-            "points_keep",
-            "points_key",
-            "sort_count",
-            "sort_scatter",
-            "points_merge",
-            "points_order",
-            "points_mean",
-            "points_record",
-            "points_starts",
-            "points_dirty",
-            "points_take",
-            "points_join",
-            "points_place",
-            "points_arrange",
-            "points_origins",
-        ],
-        |u| u.points,
-    ),
-    ("segment", &["segment", "segment_query", "composite"], |u| {
-        u.counts.samples + u.counts.gathered
-    }),
+/// With fluence, flights are deposited between traces.
+const OF_FLUENCE: [Stage; 3] = [
+    ("trace", |c| c.phases.photons + c.phases.light_field - deposits(c), flown),
+    ("deposit", deposits, |u| u.counts.deposits),
+    ("segment", |c| c.phases.segments, gathered),
 ];
+/// Points are visited where their light changed; in a full rebuild all come.
+const OF_POINTS: [Stage; 3] = [
+    ("trace", |c| c.phases.photons, flown),
+    ("points", |c| c.phases.light_field, |u| u.points),
+    ("segment", |c| c.phases.segments, gathered),
+];
+
+fn deposits(cost: &Cost) -> f64 {
+    cost.in_kernels(&["deposit", "resolve"])
+}
+
+fn flown(updated: &Updated) -> u64 {
+    updated.counts.steps + updated.counts.tentative
+}
+
+fn gathered(updated: &Updated) -> u64 {
+    updated.counts.samples + updated.counts.gathered
+}
 
 /// The edit that touches everything.
 const EVERYTHING: &str = "lights moved";
@@ -95,7 +85,7 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
     let whole_columns =
         ["scene", "light field", "edit", "materials", "full ms", "update ms", "ratio", "all"];
     let mut whole = Sheet::new("visits-whole", &whole_columns);
-    let mut series = STAGES.map(|(name, _, _)| Series {
+    let mut series = ["trace", "deposit", "points", "segment"].map(|name| Series {
         name: name.to_owned(),
         points: Vec::new(),
         joined: false,
@@ -123,16 +113,17 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
                 [&mut rebuild(gpu, &mut fastest), &mut edit(gpu, &mut frame, (&scene, &after))],
             )?;
             let label = [json!(name), json!(estimator.to_string()), json!(kind), json!(materials)];
-            for ((stage, kernels, visits), series) in STAGES.iter().zip(&mut series) {
+            let stages = match estimator {
+                Estimator::Fluence => OF_FLUENCE,
+                Estimator::Points => OF_POINTS,
+            };
+            for (stage, ms, visits) in stages {
                 let (all, some) = (visits(&full.updated), visits(&update.updated));
-                let ms = |cost: &Cost| cost.in_kernels(kernels);
                 let full_ms = full.median(ms);
-                if all == 0 || full_ms == 0.0 {
-                    continue;
-                }
                 let share = some as f64 / all as f64;
                 let time = median(update.over(&full, ms));
-                series.points.push((share.max(1e-3), time));
+                let of_stage = series.iter_mut().filter(|series| series.name == stage);
+                of_stage.for_each(|series| series.points.push((share.max(1e-3), time)));
                 let mut row = label.to_vec();
                 row.extend([
                     json!(stage),
@@ -156,8 +147,16 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
             whole.rows.push(row);
         }
     }
-    let mut series = series.to_vec();
+    let at = |name: &str| columns.iter().position(|c| *c == name).unwrap_or_default();
+    let [stage_at, within_at] = [at("stage"), at("within")];
+    report.notes.push(format!("{} edits", whole.rows.len()));
     let curve = (0..=30).map(|i| 10_f64.powf(-3.0 + 0.1 * f64::from(i)));
+    let mut series = series.to_vec();
+    for name in series.iter().map(|series| &series.name) {
+        let rows = sheet.rows.iter().filter(|row| row[stage_at] == json!(name));
+        let within = rows.clone().filter(|row| row[within_at] == json!(true)).count();
+        report.notes.push(format!("{name}: {within} of {} are within the bound", rows.count()));
+    }
     series.push(Series {
         name: "1.3 x share of visits + 0.1".to_owned(),
         points: curve.map(|x| (x, bound(x))).collect(),
@@ -170,15 +169,6 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
         log_x: true,
         series,
     });
-    let at = |name: &str| columns.iter().position(|c| *c == name).unwrap_or_default();
-    let [stage_at, within_at] = [at("stage"), at("within")];
-    report.notes.push(format!("{} edits", whole.rows.len()));
-    for (stage, ..) in STAGES {
-        let rows = sheet.rows.iter().filter(|row| row[stage_at] == json!(stage));
-        let within = rows.clone().filter(|row| row[within_at] == json!(true)).count();
-        let all = rows.count();
-        report.notes.push(format!("{stage}: {within} of {all} are within the bound"));
-    }
     report.sheets = vec![sheet, whole];
     Ok(report)
 }

@@ -1,7 +1,7 @@
 //! What a build of the points changed, for segments to correct their sums by.
 //!
 //! Points whose light changed, be it that they came or went, are listed with the light that
-//! segments have seen and the light that they have now, joined in one order, and gathered once.
+//! segments have seen and the light that they have now, bucket by bucket, and gathered once.
 //! Where they are many, segments gather all points anew.
 
 use super::{Change, Part, Points, PointsParams, Sorted};
@@ -9,6 +9,7 @@ use crate::counter::CounterBuffer;
 use crate::dirty::Dirty;
 use crate::error::Result;
 use crate::gpu::Gpu;
+use crate::gpu::scan::Scanner;
 use crate::work::WorkList;
 
 /// What differs from what the segments have seen.
@@ -128,49 +129,43 @@ impl Points {
         }
     }
 
-    /// All listed points together, in the order of their keys.
+    /// All listed points together, in the buckets of their keys.
     fn taken(&self, gpu: &Gpu, listed: &[Found], total: u32) -> Result<Sorted> {
-        let words = |stage: &'static str| gpu.buffer::<u32>(stage, total as usize);
-        let keys = words("points keys")?;
-        let places = gpu.buffer::<[u32; 4]>("point places", total as usize)?;
-        let changes = |stage: &'static str| gpu.buffer::<Change>(stage, total as usize);
-        let lights = changes("point lights")?;
-        let mut lists = vec![0];
-        for (moved, list) in listed.iter().filter(|(_, list)| list.count > 0) {
+        let keys = self.none.keys.clone();
+        let lights = gpu.buffer::<Change>("point lights", total as usize)?;
+        let params = PointsParams { had: 1, ..self.params(total) };
+        let taken = Sorted::of(gpu, [keys, lights], &params)?;
+        let mut stage = gpu.stage("points_take");
+        stage.clear(&taken.starts);
+        for (moved, list) in listed {
+            let bindings = [
+                ("work", (&list.items).into()),
+                ("keys", (&moved.keys).into()),
+                ("starts", (&taken.starts).into()),
+            ];
+            let params = self.params(list.count);
+            stage.dispatch(&self.count_kernel, list.count.into(), &bindings, &params)?;
+        }
+        let begins = params.buckets + 1;
+        Scanner::new(gpu, begins)?.record(&mut stage, &taken.starts, begins)?;
+        for (moved, list) in listed {
             let [seen, now] = moved.lights.each_ref().map(Option::as_ref);
             let none = &self.none.lights;
             let bindings = [
                 ("work", (&list.items).into()),
                 ("keys", (&moved.keys).into()),
-                ("point_places", (&moved.places).into()),
+                ("seen_places", (&moved.places).into()),
                 ("seen_lights", seen.unwrap_or(none).into()),
-                ("point_lights", now.unwrap_or(none).into()),
-                ("taken_keys", (&keys).into()),
-                ("taken_places", (&places).into()),
-                ("taken_lights", (&lights).into()),
+                ("now_lights", now.unwrap_or(none).into()),
+                ("starts", (&taken.starts).into()),
+                ("point_places", (&taken.places).into()),
+                ("point_lights", (&taken.lights).into()),
             ];
-            let first = lists[lists.len() - 1];
             let [had, has] = [seen, now].map(|light| light.is_some().into());
-            let params = PointsParams { first, had, has, ..self.params(list.count) };
-            let mut stage = gpu.stage("points_take");
+            let params = PointsParams { had, has, ..self.params(list.count) };
             stage.dispatch(&self.take, list.count.into(), &bindings, &params)?;
-            stage.finish()?;
-            lists.push(first + list.count);
         }
-        let lists = gpu.upload("points lists", &lists)?;
-        let (in_order, had) = ([words("points keys")?, changes("point lights")?], 1);
-        let sorted = Sorted::of(gpu, in_order, &PointsParams { had, ..self.params(total) })?;
-        let mut bindings = sorted.bindings();
-        bindings.extend([
-            ("lists", (&lists).into()),
-            ("taken_keys", (&keys).into()),
-            ("taken_places", (&places).into()),
-            ("taken_lights", (&lights).into()),
-        ]);
-        let mut stage = gpu.stage("points_join");
-        stage.dispatch(&self.join, total.into(), &bindings, &self.params(total))?;
-        self.find(&mut stage, &sorted)?;
         stage.finish()?;
-        Ok(sorted)
+        Ok(taken)
     }
 }

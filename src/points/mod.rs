@@ -53,7 +53,7 @@ shared_struct! {
         pub buckets: u32,
         /// 1 / (4/3 pi r³).
         pub kernel: f32,
-        /// Place of the first point that is taken; of merged ones, how many are kept.
+        /// Of merged points, how many are kept.
         pub first: u32,
         /// 1 where segments have seen light of what is taken, or of all there is.
         pub had: u32,
@@ -225,7 +225,7 @@ pub struct Points {
     starts: Arc<Kernel>,
     dirty: Arc<Kernel>,
     take: Arc<Kernel>,
-    join: Arc<Kernel>,
+    count_kernel: Arc<Kernel>,
     place: Arc<Kernel>,
     arrange: Arc<Kernel>,
     origins: Arc<Kernel>,
@@ -285,7 +285,7 @@ impl Points {
             starts: gpu.kernel("points_starts", &[])?,
             dirty: gpu.kernel("points_dirty", &[])?,
             take: gpu.kernel("points_take", &[])?,
-            join: gpu.kernel("points_join", &[])?,
+            count_kernel: gpu.kernel("points_count", &[])?,
             place: gpu.kernel("points_place", &[])?,
             arrange: gpu.kernel("points_arrange", &[])?,
             origins: gpu.kernel("points_origins", if even { &["even"] } else { &[] })?,
