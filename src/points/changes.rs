@@ -144,7 +144,7 @@ impl Points {
                 ("starts", (&taken.starts).into()),
             ];
             let params = self.params(list.count);
-            stage.dispatch(&self.count_kernel, list.count.into(), &bindings, &params)?;
+            stage.dispatch(&self.tally, list.count.into(), &bindings, &params)?;
         }
         let begins = params.buckets + 1;
         Scanner::new(gpu, begins)?.record(&mut stage, &taken.starts, begins)?;

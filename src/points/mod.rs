@@ -88,7 +88,8 @@ shared_struct! {
     }
 }
 
-/// Points in the order of their cells' keys, with what a gather needs of each.
+/// Points in the order of their cells' keys, or, of changes, bucket by bucket, with what a gather
+/// needs of each.
 struct Sorted {
     count: u32,
     keys: wgpu::Buffer,
@@ -225,7 +226,7 @@ pub struct Points {
     starts: Arc<Kernel>,
     dirty: Arc<Kernel>,
     take: Arc<Kernel>,
-    count_kernel: Arc<Kernel>,
+    tally: Arc<Kernel>,
     place: Arc<Kernel>,
     arrange: Arc<Kernel>,
     origins: Arc<Kernel>,
@@ -285,7 +286,7 @@ impl Points {
             starts: gpu.kernel("points_starts", &[])?,
             dirty: gpu.kernel("points_dirty", &[])?,
             take: gpu.kernel("points_take", &[])?,
-            count_kernel: gpu.kernel("points_count", &[])?,
+            tally: gpu.kernel("points_count", &[])?,
             place: gpu.kernel("points_place", &[])?,
             arrange: gpu.kernel("points_arrange", &[])?,
             origins: gpu.kernel("points_origins", if even { &["even"] } else { &[] })?,
@@ -515,11 +516,12 @@ impl Points {
     /// Bytes that an update takes beside the points, at most: work lists of slots, of points
     /// that are kept and whose light changed, at 4.25 bytes an item; the light that points had
     /// before; 80 % of them sorted by themselves, with room for that, all of them merged, their
-    /// order and the places of those; and those whose light changed, at most 70 % as many as there are points, twice.
+    /// order and the places of those; and those whose light changed, at most 70 % as many as there
+    /// are points, at 48 bytes each.
     pub fn update_bytes(&self) -> u64 {
         let slots: u64 = self.batches.iter().map(|batch| u64::from(batch.all_slots)).sum();
         let points = self.count();
-        (17 * slots + 2 * 17 * points) / 4 + (16 + 7 + 8 + 73) * points + self.bytes() * 9 / 5
+        (17 * slots + 2 * 17 * points) / 4 + (16 + 7 + 8 + 34) * points + self.bytes() * 9 / 5
     }
 
     /// Bytes of the sorted points and their tables.

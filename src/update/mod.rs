@@ -253,8 +253,9 @@ impl PhotonFrame {
         Ok(found)
     }
 
-    /// Traces and weighs the photons that were `found` and listed. Flights that changed leave the fluence and come
-    /// back to it part by part, or, where they are many, all is summed anew in the end.
+    /// Traces and weighs the photons that were `found` and listed. Flights that changed leave the
+    /// fluence and come back to it part by part, or, where they are many, all is summed anew in
+    /// the end.
     fn photons(
         &mut self,
         gpu: &Gpu,
