@@ -1,14 +1,16 @@
 // Fluence, the track-length estimator: each flight adds power times length to every
 // cell of the light field that it crosses, as a rounded integer; or, with sign -1,
-// takes exactly that out again. A work item is an event of a photon, of the live slots or of
-// the journal: of all that are listed, or of the chosen ones, from the slot on that changed.
+// takes exactly that out again; or, with sign 0, does both at once, where a flight of the
+// journal is flown with another power now. A work item is an event of a photon, of the live
+// slots or of the journal: of all that are listed, or of the chosen ones, from the slot on that
+// changed.
 
 import package::shared::counter::{DEPOSITS, CLAMPED, UNFINISHED, count, expect, cut_short};
 import package::shared::item::item_index;
 import package::shared::light::emit;
 import package::shared::photon::{PhotonParams, identify};
 import package::shared::scene::frame;
-import package::shared::slot::{EMPTY, slot_kind, slot_of, unpack_power};
+import package::shared::slot::{EMPTY, slot_kind, slot_of, slot_power, unpack_power};
 import package::shared::sum64::rounded;
 import package::shared::walk::{line, walk_begin, walk_leave, walk_step};
 import package::constants::GROUP;
@@ -30,13 +32,19 @@ fn add_word(channel: u32, word: u32, value: u32) -> u32 {
     }
 }
 
-// Taking out is adding the two's complement, so both are one wrapping 64-bit sum.
-fn add(channel: u32, cell: u32, value: u32) {
-    if value == 0u { return; }
-    let low = select(0u - value, value, params.sign > 0);
-    let before = add_word(channel, 2u * cell, low);
-    let high = select(0xffffffffu, 0u, params.sign > 0) + u32(before + low < before);
-    if high != 0u { _ = add_word(channel, 2u * cell + 1u, high); }
+// Puts a contribution in the place of an old one; returns how many of them were clamped. The
+// difference is added in two's complement, so all is one wrapping 64-bit sum.
+fn put(channel: u32, cell: u32, old: f32, now: f32) -> u32 {
+    let before = rounded(old);
+    let after = rounded(now);
+    let low = after.value - before.value;
+    if low != 0u {
+        let sum = add_word(channel, 2u * cell, low);
+        let borrow = select(0u, 0xffffffffu, after.value < before.value);
+        let high = borrow + u32(sum + low < sum);
+        if high != 0u { _ = add_word(channel, 2u * cell + 1u, high); }
+    }
+    return u32(before.clamped) + u32(after.clamped);
 }
 
 @compute @workgroup_size(GROUP)
@@ -73,7 +81,14 @@ fn main(
     let length = length(way);
     if !(length > 0.0) { return; }
     let l = line(start, way / length);
-    let power = unpack_power(slot.power) * params.scale;
+    var old = vec3<f32>(0.0);
+    var now = unpack_power(slot.power) * params.scale;
+    if params.sign <= 0 {
+        old = now;
+        now = vec3<f32>(0.0);
+    }
+    // What `weigh` has noted in place of the history.
+    if params.sign == 0 { now = unpack_power(slot_power(state.zwxy)) * params.scale; }
     let edge = frame.extent / vec3<f32>(params.grid);
     var w = walk_begin(l, 0.0, edge, params.grid);
     var t = 0.0;
@@ -85,13 +100,9 @@ fn main(
         let crossed = max(leave - t, 0.0);
         let c = vec3<u32>(w.cell);
         let cell = (c.z * params.grid.y + c.y) * params.grid.x + c.x;
-        let r = rounded(power.r * crossed);
-        let g = rounded(power.g * crossed);
-        let b = rounded(power.b * crossed);
-        add(0u, cell, r.value);
-        add(1u, cell, g.value);
-        add(2u, cell, b.value);
-        clamped += u32(r.clamped) + u32(g.clamped) + u32(b.clamped);
+        clamped += put(0u, cell, old.r * crossed, now.r * crossed);
+        clamped += put(1u, cell, old.g * crossed, now.g * crossed);
+        clamped += put(2u, cell, old.b * crossed, now.b * crossed);
         deposits++;
         t = max(leave, t);
         arrived = leave >= length || !walk_step(&w, l, edge, params.grid);

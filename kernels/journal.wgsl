@@ -1,9 +1,11 @@
-// Copies the slots of the listed photons to the journal before they are traced anew, or
-// back (sign -1). The journal is laid out as a batch of as many photons as it holds.
+// Copies the slots of the listed photons, each up to its end, to the journal before they are
+// traced anew, or back (sign -1). The journal is laid out as a batch of these photons alone; its
+// states were cleared.
 
 import package::constants::GROUP;
 import package::shared::item::item_index;
 import package::shared::photon::PhotonParams;
+import package::shared::slot::{EMPTY, slot_kind};
 
 @group(0) @binding(8) var<uniform> params: PhotonParams;
 @group(0) @binding(9) var<storage, read> work: array<u32>;
@@ -19,16 +21,20 @@ fn main(
     @builtin(local_invocation_index) local: u32,
 ) {
     let item = item_index(group, groups, local);
-    if item >= params.listed * params.max_events { return; }
-    let event = item / params.listed;
-    let listed = item % params.listed;
-    let live = event * params.photons + work[params.first_listed + listed];
-    let old = event * params.journal + listed;
-    if params.sign > 0 {
-        old_places[old] = places[live];
-        old_states[old] = states[live];
-    } else {
-        places[live] = old_places[old];
-        states[live] = old_states[old];
+    if item >= params.listed { return; }
+    let photon = work[params.first_listed + item];
+    for (var event = 0u; event < params.max_events; event++) {
+        let live = event * params.photons + photon;
+        let old = event * params.journal + item;
+        if params.sign > 0 {
+            let state = states[live];
+            old_places[old] = places[live];
+            old_states[old] = state;
+            if slot_kind(state) == EMPTY { break; }
+        } else {
+            let state = old_states[old];
+            places[live] = select(old_places[old], vec4<u32>(0u), slot_kind(state) == EMPTY);
+            states[live] = state;
+        }
     }
 }

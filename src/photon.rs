@@ -21,7 +21,7 @@ use crate::frame::{DeviceScene, words};
 use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
-use crate::gpu::run::{Bindings, Pace};
+use crate::gpu::run::{Bindings, Pace, Stage};
 use crate::light::Lights;
 use crate::render::{Progress, Split};
 use crate::scene::Settings;
@@ -64,7 +64,7 @@ shared_struct! {
         pub roulette_survival: f32,
         /// Scale of the integer sums.
         pub scale: f32,
-        /// 1 adds to the light field, -1 takes out.
+        /// 1 adds to the light field, -1 takes out; 0 does both: the power alone changed.
         pub sign: i32,
         /// Cells of the fluence grid.
         pub grid: [u32; 3],
@@ -231,6 +231,8 @@ pub struct PhotonMap {
     params: PhotonParams,
     trace: Arc<Kernel>,
     weigh: Arc<Kernel>,
+    /// For the fluence, and for points.
+    weighed: [Arc<Kernel>; 2],
     query: Arc<Kernel>,
     copy: Arc<Kernel>,
     /// For the fluence, and for points.
@@ -282,6 +284,7 @@ impl PhotonMap {
             },
             trace: trace_kernel(gpu, scene)?,
             weigh: gpu.kernel("weigh", &[])?,
+            weighed: [gpu.kernel("weighed", &[])?, gpu.kernel("weighed", &["points"])?],
             query: gpu.kernel("photon_query", &[])?,
             copy: gpu.kernel("journal", &[])?,
             compare: [gpu.kernel("compare", &[])?, gpu.kernel("compare", &["points"])?],
@@ -380,7 +383,7 @@ impl PhotonMap {
         PhotonParams {
             first_listed: part.start,
             listed: part.end - part.start,
-            journal: self.journal,
+            journal: part.end - part.start,
             ..self.params(batch)
         }
     }
@@ -418,10 +421,12 @@ impl PhotonMap {
     /// The device failed.
     pub fn copy(&self, gpu: &Gpu, batch: &Batch, part: &Range<u32>, sign: i32) -> Result<()> {
         let params = PhotonParams { sign, ..self.journal_params(batch, part) };
-        let slots = u64::from(params.listed) * u64::from(self.max_events);
         let mut stage = gpu.stage("journal");
-        let bindings = [batch.bindings(), self.old()].concat();
-        stage.dispatch(&self.copy, slots, &bindings, &params)?;
+        if sign > 0 {
+            self.clear_journal(&mut stage, &params);
+        }
+        let bindings = self.journaled_bindings(batch);
+        stage.dispatch(&self.copy, params.listed.into(), &bindings, &params)?;
         stage.finish()
     }
 
@@ -438,13 +443,8 @@ impl PhotonMap {
         counters: &CounterBuffer,
     ) -> Result<()> {
         let params = self.journal_params(batch, part);
-        let mut bindings = [batch.bindings(), self.old()].concat();
-        bindings.retain(|(name, _)| *name != "marks");
-        bindings.extend([
-            ("marks", (&self.chosen.marks).into()),
-            ("moved", (&batch.moved).into()),
-            ("counters", counters.buffer().into()),
-        ]);
+        let mut bindings = self.journaled_bindings(batch);
+        bindings.push(("counters", counters.buffer().into()));
         let mut stage = gpu.stage("compare");
         self.chosen.unmark(&mut stage);
         let kernel = &self.compare[usize::from(points)];
@@ -476,8 +476,23 @@ impl PhotonMap {
         Ok(PhotonParams { listed: chosen.count, chosen: 1, ..params })
     }
 
-    fn old(&self) -> Bindings<'_> {
-        vec![("old_places", (&self.old_places).into()), ("old_states", (&self.old_states).into())]
+    /// A batch's slots, the journal, and marks of what changes.
+    fn journaled_bindings<'a>(&'a self, batch: &'a Batch) -> Bindings<'a> {
+        let mut bindings = batch.bindings();
+        bindings.retain(|(name, _)| *name != "marks");
+        bindings.extend([
+            ("old_places", (&self.old_places).into()),
+            ("old_states", (&self.old_states).into()),
+            ("marks", (&self.chosen.marks).into()),
+            ("moved", (&batch.moved).into()),
+        ]);
+        bindings
+    }
+
+    /// Empties the journal for a part.
+    fn clear_journal(&self, stage: &mut Stage, part: &PhotonParams) {
+        let slots = u64::from(part.listed) * u64::from(self.max_events);
+        stage.clear_first(&self.old_states, slots * SLOT_BYTES / 2);
     }
 
     /// Traces a part of a batch's work list, a window of events at a time. Where the driver
@@ -524,7 +539,7 @@ impl PhotonMap {
         let mut bindings = [scene.bindings(), batch.bindings()].concat();
         bindings.push(("counters", counters.buffer().into()));
         let total = u64::from(part.end - part.start);
-        let work = |stage: &mut crate::gpu::run::Stage, range: Range<u64>| {
+        let work = |stage: &mut Stage, range: Range<u64>| {
             for first_event in (0..self.max_events).step_by(window as usize) {
                 let items = range.end - range.start;
                 let params = PhotonParams {
@@ -542,8 +557,10 @@ impl PhotonMap {
     }
 
     /// Weighs again a part of a batch's work list in which no flight is invalid and no light
-    /// has changed: a trace that flies nothing. Returns false where a photon that had ended
-    /// would go on; the part is to be traced then, from where it was.
+    /// has changed, and finds what that has changed, as `compare` does; the journal then has
+    /// their flights with the power that they had and the power that they have. Returns false
+    /// where a photon that had ended would go on: nothing is done then, and the part is to be
+    /// traced.
     ///
     /// # Errors
     /// The device failed.
@@ -552,27 +569,35 @@ impl PhotonMap {
         gpu: &Gpu,
         scene: &DeviceScene,
         counters: &CounterBuffer,
-        (batch, part): (&Batch, Range<u32>),
+        (batch, part, points): (&Batch, &Range<u32>, bool),
         progress: &mut Progress,
     ) -> Result<bool> {
         counters.save(gpu)?;
-        let mut bindings = [scene.bindings(), batch.bindings()].concat();
+        let all = self.journal_params(batch, part);
+        let mut bindings = [scene.bindings(), self.journaled_bindings(batch)].concat();
         bindings.push(("counters", counters.buffer().into()));
-        let total = u64::from(part.end - part.start);
-        let work = |stage: &mut crate::gpu::run::Stage, range: Range<u64>| {
+        let mut stage = gpu.stage("weigh");
+        self.clear_journal(&mut stage, &all);
+        self.chosen.unmark(&mut stage);
+        stage.finish()?;
+        let total = u64::from(all.listed);
+        let work = |stage: &mut Stage, range: Range<u64>| {
             let params = PhotonParams {
                 first_item: part.start + range.start as u32,
                 items: (range.end - range.start) as u32,
-                ..self.params(batch)
+                ..all
             };
             stage.dispatch(&self.weigh, range.end - range.start, &bindings, &params)
         };
         gpu.sliced("weigh", total, &self.pace, work, &mut |n| progress.at("weigh", n, total))?;
-        let done = counters.read(gpu)?.unfinished == 0;
-        if !done {
+        if counters.read(gpu)?.unfinished > 0 {
             counters.restore(gpu)?;
+            return Ok(false);
         }
-        Ok(done)
+        let mut stage = gpu.stage("weighed");
+        stage.dispatch(&self.weighed[usize::from(points)], total, &bindings, &all)?;
+        stage.finish()?;
+        Ok(true)
     }
 
     /// Bytes of all slots.

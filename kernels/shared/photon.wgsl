@@ -21,7 +21,7 @@ struct PhotonParams {
     roulette_from: u32,    // first event after which the roulette runs
     roulette_survival: f32,
     scale: f32,            // of integer sums
-    sign: i32,             // 1 adds, -1 takes out
+    sign: i32,             // 1 adds, -1 takes out, 0 does both
     grid: vec3<u32>,       // cells of the light field
     journal: u32,          // photons that the journal holds; 0: the slots are the live ones
     risen: vec2<u32>,      // bins where a flight may be stopped that was not

@@ -31,6 +31,7 @@ pub const KERNELS: &[(&str, &[&str])] = &[
     ("fill", &[]),
     ("journal", &[]),
     ("weigh", &[]),
+    ("weighed", &["points"]),
     ("compare", &["points"]),
     ("chosen", &[]),
     ("deposit", &[]),

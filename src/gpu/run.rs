@@ -293,6 +293,11 @@ impl<'g> Stage<'g> {
         lock(&self.gpu.recorder).encoder(self.gpu).clear_buffer(buffer, 0, None);
     }
 
+    /// Clears the first bytes of a buffer.
+    pub fn clear_first(&mut self, buffer: &wgpu::Buffer, bytes: u64) {
+        lock(&self.gpu.recorder).encoder(self.gpu).clear_buffer(buffer, 0, Some(bytes));
+    }
+
     /// Copies the beginning of one buffer to another.
     pub fn copy(&mut self, from: &wgpu::Buffer, to: &wgpu::Buffer, bytes: u64) {
         let mut recorder = lock(&self.gpu.recorder);

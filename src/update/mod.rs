@@ -280,18 +280,18 @@ impl PhotonFrame {
                 if progress.stops("photons") {
                     return Ok(false);
                 }
-                self.map.copy(gpu, batch, &part, 1)?;
                 let (scene, counters) = (&self.scene, &self.counters);
-                let again = (batch, part.clone());
-                let only_weighed = found.invalid == 0
+                let points = matches!(self.field, LightField::Points(_));
+                let again = (batch, &part, points);
+                let weighed = found.invalid == 0
                     && !batch.relit
                     && self.map.weigh(gpu, scene, counters, again, progress)?;
-                if !only_weighed {
+                if !weighed {
+                    self.map.copy(gpu, batch, &part, 1)?;
                     let again = (batch, part.clone(), true);
                     self.map.trace(gpu, scene, counters, again, progress)?;
+                    self.map.compare(gpu, batch, (&part, points), counters)?;
                 }
-                let points = matches!(self.field, LightField::Points(_));
-                self.map.compare(gpu, batch, (&part, points), &self.counters)?;
                 match &mut self.field {
                     LightField::Points(_) => {
                         let (after, batch) = (self.counters.read(gpu)?, &mut self.map.batches[i]);
@@ -305,9 +305,9 @@ impl PhotonFrame {
                         seen += u64::from(part.end - part.start);
                         changed += u64::from(chosen.listed);
                         let photons = u64::from(self.scene.lights.photons);
-                        fluence.current = 2 * changed * listed <= photons * seen;
+                        fluence.current = weighed || 2 * changed * listed <= photons * seen;
                         if fluence.current {
-                            self.move_flights(gpu, (i, chosen), progress)?;
+                            self.move_flights(gpu, (i, chosen, weighed), progress)?;
                         }
                     }
                     LightField::Fluence(_) => {}
@@ -318,22 +318,23 @@ impl PhotonFrame {
     }
 
     /// Takes the old flights of the chosen photons of a batch out of the fluence, and adds the
-    /// new ones.
+    /// new ones: at once where they are the same but for their power (`weighed`).
     fn move_flights(
         &self,
         gpu: &Gpu,
-        (batch, chosen): (usize, PhotonParams),
+        (batch, chosen, weighed): (usize, PhotonParams, bool),
         progress: &mut Progress,
     ) -> Result<()> {
         let LightField::Fluence(fluence) = &self.field else { return Ok(()) };
         let batch = &self.map.batches[batch];
-        let old = PhotonParams { sign: -1, ..chosen };
-        let new = PhotonParams { journal: 0, ..chosen };
-        for slots in [(old, self.map.journal_bindings(batch)), (new, self.map.live_bindings(batch))]
-        {
-            fluence.deposit(gpu, &self.scene, slots, &self.counters, progress)?;
+        let sign = if weighed { 0 } else { -1 };
+        let old = (PhotonParams { sign, ..chosen }, self.map.journal_bindings(batch));
+        fluence.deposit(gpu, &self.scene, old, &self.counters, progress)?;
+        if weighed {
+            return Ok(());
         }
-        Ok(())
+        let new = (PhotonParams { journal: 0, ..chosen }, self.map.live_bindings(batch));
+        fluence.deposit(gpu, &self.scene, new, &self.counters, progress)
     }
 
     /// Brings the light field up to date, and marks where light changed. Returns how many
