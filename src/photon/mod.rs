@@ -12,9 +12,12 @@
 //! that is judged invalid is flown again only in the macro-cells and layers of marks in
 //! which the edit can have made a tentative collision real.
 
+mod journal;
+
 use std::ops::Range;
 use std::sync::Arc;
 
+use self::journal::Journal;
 use crate::counter::CounterBuffer;
 use crate::error::{Error, Result};
 use crate::frame::{DeviceScene, words};
@@ -32,9 +35,6 @@ pub const SLOT_BYTES: u64 = 32;
 
 /// Events that one dispatch traces: few, so that no thread runs for long.
 const EVENTS_AT_ONCE: u32 = 4;
-
-/// Slots of the journal, at most: 64 MiB.
-const JOURNAL_SLOTS: u32 = 1 << 21;
 
 /// A state that was never computed: empty, with a history of all ones.
 const NEVER: [u32; 4] = [0, 0, u32::MAX, u32::MAX];
@@ -221,23 +221,11 @@ pub struct PhotonMap {
     /// Slots of each photon.
     pub max_events: u32,
     most: u32,
-    most_journaled: u32,
-    journal: u32,
-    old_places: wgpu::Buffer,
-    old_states: wgpu::Buffer,
-    /// Photons of a part that changed, as their first slots that did.
-    chosen: WorkList,
+    journal: Journal,
     /// What is told of every batch; `risen` is that of the query that listed last.
     params: PhotonParams,
     trace: Arc<Kernel>,
-    weigh: Arc<Kernel>,
-    /// For the fluence, and for points.
-    weighed: [Arc<Kernel>; 2],
     query: Arc<Kernel>,
-    copy: Arc<Kernel>,
-    /// For the fluence, and for points.
-    compare: [Arc<Kernel>; 2],
-    choose: Arc<Kernel>,
     pace: Pace,
 }
 
@@ -262,17 +250,12 @@ impl PhotonMap {
                 format!("{max_events} events do not fit a binding"),
             ));
         }
-        let journal = (JOURNAL_SLOTS / max_events).min(split.journal.unwrap_or(u32::MAX));
         let (roulette_gain, roulette_doublings) = eighteen_bits(settings.roulette_survival.recip());
         let mut map = Self {
             batches: Vec::new(),
             max_events,
             most,
-            most_journaled: journal.max(1),
-            journal: 0,
-            old_places: gpu.buffer::<[u32; 4]>("journal", 0)?,
-            old_states: gpu.buffer::<[u32; 4]>("journal", 0)?,
-            chosen: WorkList::new(gpu, 0)?,
+            journal: Journal::new(gpu, max_events, split)?,
             params: PhotonParams {
                 max_events,
                 roulette_from: settings.roulette_from,
@@ -283,12 +266,7 @@ impl PhotonMap {
                 ..Default::default()
             },
             trace: trace_kernel(gpu, scene)?,
-            weigh: gpu.kernel("weigh", &[])?,
-            weighed: [gpu.kernel("weighed", &[])?, gpu.kernel("weighed", &["points"])?],
             query: gpu.kernel("photon_query", &[])?,
-            copy: gpu.kernel("journal", &[])?,
-            compare: [gpu.kernel("compare", &[])?, gpu.kernel("compare", &["points"])?],
-            choose: gpu.kernel("chosen", &[])?,
             pace: Pace::new(1 << 14),
         };
         map.arrange(gpu, &scene.lights, ids)?;
@@ -329,17 +307,8 @@ impl PhotonMap {
             }
             self.batches.append(&mut own);
         }
-        // Room in the journal for the largest batch, or for a part of it.
         let largest = self.batches.iter().map(|b| b.photons).max().unwrap_or(0);
-        let journal = largest.min(self.most_journaled);
-        if journal > self.journal {
-            let slots = journal as usize * self.max_events as usize;
-            self.old_places = gpu.buffer::<[u32; 4]>("journal", slots)?;
-            self.old_states = gpu.buffer::<[u32; 4]>("journal", slots)?;
-            self.chosen = WorkList::new(gpu, journal)?;
-            self.journal = journal;
-        }
-        Ok(())
+        self.journal.reserve(gpu, largest)
     }
 
     /// Lists the photons of a batch that an edit touches; how many is to be learned yet.
@@ -376,123 +345,6 @@ impl PhotonMap {
             listed: batch.list.count,
             ..self.params
         }
-    }
-
-    /// What they are told about a part of its work list that the journal holds.
-    pub fn journal_params(&self, batch: &Batch, part: &Range<u32>) -> PhotonParams {
-        PhotonParams {
-            first_listed: part.start,
-            listed: part.end - part.start,
-            journal: part.end - part.start,
-            ..self.params(batch)
-        }
-    }
-
-    /// The parts of a batch's work list that the journal can hold.
-    pub fn parts(&self, batch: &Batch) -> Vec<Range<u32>> {
-        let count = batch.list.count;
-        let starts = (0..count).step_by(self.journal as usize);
-        starts.map(|start| start..(start + self.journal).min(count)).collect()
-    }
-
-    /// The live slots, for kernels that read those of the journal, too.
-    pub fn live_bindings<'a>(&'a self, batch: &'a Batch) -> Bindings<'a> {
-        vec![
-            ("places", (&batch.places).into()),
-            ("states", (&batch.states).into()),
-            ("chosen", (&self.chosen.items).into()),
-            ("work", (&batch.list.items).into()),
-        ]
-    }
-
-    /// The journal in their place.
-    pub fn journal_bindings<'a>(&'a self, batch: &'a Batch) -> Bindings<'a> {
-        vec![
-            ("places", (&self.old_places).into()),
-            ("states", (&self.old_states).into()),
-            ("chosen", (&self.chosen.items).into()),
-            ("work", (&batch.list.items).into()),
-        ]
-    }
-
-    /// Copies the slots of a part to the journal, or with `sign` -1 back.
-    ///
-    /// # Errors
-    /// The device failed.
-    pub fn copy(&self, gpu: &Gpu, batch: &Batch, part: &Range<u32>, sign: i32) -> Result<()> {
-        let params = PhotonParams { sign, ..self.journal_params(batch, part) };
-        let mut stage = gpu.stage("journal");
-        if sign > 0 {
-            self.clear_journal(&mut stage, &params);
-        }
-        let bindings = self.journaled_bindings(batch);
-        stage.dispatch(&self.copy, params.listed.into(), &bindings, &params)?;
-        stage.finish()
-    }
-
-    /// Finds what differs from the journal: tasks then begin there. For `points` slots that
-    /// moved are marked, for the fluence photons that changed.
-    ///
-    /// # Errors
-    /// The device failed.
-    pub fn compare(
-        &self,
-        gpu: &Gpu,
-        batch: &Batch,
-        (part, points): (&Range<u32>, bool),
-        counters: &CounterBuffer,
-    ) -> Result<()> {
-        let params = self.journal_params(batch, part);
-        let mut bindings = self.journaled_bindings(batch);
-        bindings.push(("counters", counters.buffer().into()));
-        let mut stage = gpu.stage("compare");
-        self.chosen.unmark(&mut stage);
-        let kernel = &self.compare[usize::from(points)];
-        stage.dispatch(kernel, params.listed.into(), &bindings, &params)?;
-        stage.finish()
-    }
-
-    /// Chooses the photons of a part that changed; returns what kernels are told about them,
-    /// in the journal.
-    ///
-    /// # Errors
-    /// The device failed.
-    pub fn choose(&mut self, gpu: &Gpu, batch: usize, part: &Range<u32>) -> Result<PhotonParams> {
-        let batch = &self.batches[batch];
-        let params = self.journal_params(batch, part);
-        let chosen = &mut self.chosen;
-        let bindings = [
-            ("work", (&batch.list.items).into()),
-            ("tasks", (&batch.tasks).into()),
-            ("marks", (&chosen.marks).into()),
-            ("ranks", (&chosen.ranks).into()),
-            ("chosen", (&chosen.items).into()),
-        ];
-        let mut stage = gpu.stage("chosen");
-        chosen.rank(&mut stage)?;
-        stage.dispatch(&self.choose, params.listed.div_ceil(32).into(), &bindings, &params)?;
-        stage.finish()?;
-        WorkList::learn(gpu, &mut [&mut *chosen])?;
-        Ok(PhotonParams { listed: chosen.count, chosen: 1, ..params })
-    }
-
-    /// A batch's slots, the journal, and marks of what changes.
-    fn journaled_bindings<'a>(&'a self, batch: &'a Batch) -> Bindings<'a> {
-        let mut bindings = batch.bindings();
-        bindings.retain(|(name, _)| *name != "marks");
-        bindings.extend([
-            ("old_places", (&self.old_places).into()),
-            ("old_states", (&self.old_states).into()),
-            ("marks", (&self.chosen.marks).into()),
-            ("moved", (&batch.moved).into()),
-        ]);
-        bindings
-    }
-
-    /// Empties the journal for a part.
-    fn clear_journal(&self, stage: &mut Stage, part: &PhotonParams) {
-        let slots = u64::from(part.listed) * u64::from(self.max_events);
-        stage.clear_first(&self.old_states, slots * SLOT_BYTES / 2);
     }
 
     /// Traces a part of a batch's work list, a window of events at a time. Where the driver
@@ -556,50 +408,6 @@ impl PhotonMap {
         gpu.sliced("trace", total, &self.pace, work, &mut |n| progress.at("trace", n, total))
     }
 
-    /// Weighs again a part of a batch's work list in which no flight is invalid and no light
-    /// has changed, and finds what that has changed, as `compare` does; the journal then has
-    /// their flights with the power that they had and the power that they have. Returns false
-    /// where a photon that had ended would go on: nothing is done then, and the part is to be
-    /// traced.
-    ///
-    /// # Errors
-    /// The device failed.
-    pub fn weigh(
-        &self,
-        gpu: &Gpu,
-        scene: &DeviceScene,
-        counters: &CounterBuffer,
-        (batch, part, points): (&Batch, &Range<u32>, bool),
-        progress: &mut Progress,
-    ) -> Result<bool> {
-        counters.save(gpu)?;
-        let all = self.journal_params(batch, part);
-        let mut bindings = [scene.bindings(), self.journaled_bindings(batch)].concat();
-        bindings.push(("counters", counters.buffer().into()));
-        let mut stage = gpu.stage("weigh");
-        self.clear_journal(&mut stage, &all);
-        self.chosen.unmark(&mut stage);
-        stage.finish()?;
-        let total = u64::from(all.listed);
-        let work = |stage: &mut Stage, range: Range<u64>| {
-            let params = PhotonParams {
-                first_item: part.start + range.start as u32,
-                items: (range.end - range.start) as u32,
-                ..all
-            };
-            stage.dispatch(&self.weigh, range.end - range.start, &bindings, &params)
-        };
-        gpu.sliced("weigh", total, &self.pace, work, &mut |n| progress.at("weigh", n, total))?;
-        if counters.read(gpu)?.unfinished > 0 {
-            counters.restore(gpu)?;
-            return Ok(false);
-        }
-        let mut stage = gpu.stage("weighed");
-        stage.dispatch(&self.weighed[usize::from(points)], total, &bindings, &all)?;
-        stage.finish()?;
-        Ok(true)
-    }
-
     /// Bytes of all slots.
     pub fn bytes(&self) -> u64 {
         self.batches.iter().map(|b| b.places.size() + b.states.size()).sum()
@@ -608,11 +416,6 @@ impl PhotonMap {
     /// Bytes of tasks, work lists and marks of slots.
     pub fn list_bytes(&self) -> u64 {
         self.batches.iter().map(|b| b.tasks.size() + b.list.bytes() + b.moved.size()).sum()
-    }
-
-    /// Bytes of the journal.
-    pub fn journal_bytes(&self) -> u64 {
-        self.old_places.size() + self.old_states.size() + self.chosen.bytes()
     }
 }
 
