@@ -1,12 +1,13 @@
-// The marked items side by side, a thread for each word of marks. `ranks` is the prefix sum
-// of how many each word lists.
+// The marked items side by side. `sums` has how many are before each block of SCAN_BLOCK words
+// of marks.
 
-import package::constants::GROUP;
-import package::shared::item::item_index;
+import package::constants::{GROUP, SCAN_BLOCK};
+import package::shared::item::group_index;
 import package::shared::marks::{ListParams, marked};
+import package::shared::sums::{EACH, sum_before};
 
 @group(0) @binding(8) var<uniform> params: ListParams;
-@group(0) @binding(9) var<storage, read> ranks: array<u32>;
+@group(0) @binding(9) var<storage, read> sums: array<u32>;
 @group(0) @binding(10) var<storage, read_write> work: array<u32>;
 
 @compute @workgroup_size(GROUP)
@@ -15,11 +16,17 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let word = item_index(group, groups, local);
-    if 32u * word >= params.count { return; }
-    var bits = marked(word, params.count);
-    for (var at = ranks[word]; bits != 0u; at++) {
-        work[at] = 32u * word + firstTrailingBit(bits);
-        bits &= bits - 1u;
+    let block = group_index(group, groups);
+    let begin = block * SCAN_BLOCK + local * EACH;
+    var own = 0u;
+    for (var i = 0u; i < EACH; i++) { own += countOneBits(marked(begin + i, params.count)); }
+    var at = sums[block] + sum_before(local, own);
+    for (var i = 0u; i < EACH; i++) {
+        var bits = marked(begin + i, params.count);
+        while bits != 0u {
+            work[at] = 32u * (begin + i) + firstTrailingBit(bits);
+            bits &= bits - 1u;
+            at++;
+        }
     }
 }

@@ -1,12 +1,14 @@
-// How many items each word of marks lists. Beyond the last word stands a zero, where the
-// scan leaves the total.
+// How many items are listed before each word of marks. `sums` has how many are before each block
+// of SCAN_BLOCK words.
 
-import package::constants::GROUP;
-import package::shared::item::item_index;
+import package::constants::{GROUP, SCAN_BLOCK};
+import package::shared::item::group_index;
 import package::shared::marks::{ListParams, marked};
+import package::shared::sums::{EACH, sum_before};
 
 @group(0) @binding(8) var<uniform> params: ListParams;
-@group(0) @binding(9) var<storage, read_write> ranks: array<u32>;
+@group(0) @binding(9) var<storage, read> sums: array<u32>;
+@group(0) @binding(10) var<storage, read_write> ranks: array<u32>;
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -14,7 +16,15 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let word = item_index(group, groups, local);
-    if word > (params.count + 31u) / 32u { return; }
-    ranks[word] = countOneBits(marked(word, params.count));
+    let block = group_index(group, groups);
+    let begin = block * SCAN_BLOCK + local * EACH;
+    var own = 0u;
+    for (var i = 0u; i < EACH; i++) { own += countOneBits(marked(begin + i, params.count)); }
+    var before = sums[block] + sum_before(local, own);
+    for (var i = 0u; i < EACH; i++) {
+        let word = begin + i;
+        if 32u * word >= params.count { break; }
+        ranks[word] = before;
+        before += countOneBits(marked(word, params.count));
+    }
 }

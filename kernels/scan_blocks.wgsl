@@ -1,8 +1,9 @@
-// Exclusive prefix sum of each block of SCAN_BLOCK words, in place; the block's total
-// goes to `sums`, which the next level scans in turn.
+// Exclusive prefix sum of each block of SCAN_BLOCK words, in place, from what `sums` has for
+// it: the sum of all blocks before it.
 
 import package::constants::{GROUP, SCAN_BLOCK};
 import package::shared::item::group_index;
+import package::shared::sums::{EACH, sum_before};
 
 struct ScanParams {
     count: u32,
@@ -10,11 +11,7 @@ struct ScanParams {
 
 @group(0) @binding(8) var<uniform> params: ScanParams;
 @group(0) @binding(9) var<storage, read_write> data: array<u32>;
-@group(0) @binding(10) var<storage, read_write> sums: array<u32>;
-
-const EACH: u32 = SCAN_BLOCK / GROUP;
-
-var<workgroup> totals: array<u32, GROUP>;
+@group(0) @binding(10) var<storage, read> sums: array<u32>;
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -27,20 +24,12 @@ fn main(
     let end = min(begin + EACH, params.count);
     var own = 0u;
     for (var i = begin; i < end; i++) { own += data[i]; }
-    totals[local] = own;
-    workgroupBarrier();
-    for (var reach = 1u; reach < GROUP; reach *= 2u) {
-        var before = 0u;
-        if local >= reach { before = totals[local - reach]; }
-        workgroupBarrier();
-        totals[local] += before;
-        workgroupBarrier();
-    }
-    var running = totals[local] - own;
+    var running = sum_before(local, own);
+    // The first block has none before it, and a single one no sums.
+    if block > 0u { running += sums[block]; }
     for (var i = begin; i < end; i++) {
         let value = data[i];
         data[i] = running;
         running += value;
     }
-    if local == GROUP - 1u && block * SCAN_BLOCK < params.count { sums[block] = totals[local]; }
 }

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use crate::error::Result;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
-use crate::gpu::run::Stage;
-use crate::gpu::scan::Scanner;
-use crate::gpu::{Gpu, Words};
+use crate::gpu::run::{Resource, Stage};
+use crate::gpu::scan::{SCAN_BLOCK, Scanner};
+use crate::gpu::{GROUP, Gpu, Words};
 use crate::light::hash;
 
 shared_struct! {
@@ -15,6 +15,8 @@ shared_struct! {
     pub struct ListParams {
         /// Items that may be marked.
         pub count: u32,
+        /// Blocks of words of marks.
+        pub blocks: u32,
     }
 }
 
@@ -45,9 +47,10 @@ pub struct WorkList {
     /// How many are listed.
     pub count: u32,
     capacity: u32,
-    /// How many are marked in the words before each.
-    pub ranks: wgpu::Buffer,
+    /// How many are marked in the blocks before each, and in all.
+    sums: wgpu::Buffer,
     scanner: Scanner,
+    total: Arc<Kernel>,
     rank: Arc<Kernel>,
     list: Arc<Kernel>,
     fill: Arc<Kernel>,
@@ -60,13 +63,15 @@ impl WorkList {
     /// The device refuses the memory.
     pub fn new(gpu: &Gpu, capacity: u32) -> Result<Self> {
         let words = capacity.div_ceil(32);
+        let blocks = words.div_ceil(SCAN_BLOCK);
         Ok(Self {
             items: gpu.buffer::<u32>("work list", capacity as usize)?,
             marks: gpu.buffer::<u32>("work list marks", words as usize)?,
             count: 0,
             capacity,
-            ranks: gpu.buffer::<u32>("work list ranks", words as usize + 1)?,
-            scanner: Scanner::new(gpu, words + 1)?,
+            sums: gpu.buffer::<u32>("work list sums", blocks as usize + 1)?,
+            scanner: Scanner::new(gpu, blocks + 1)?,
+            total: gpu.kernel("list_sums", &[])?,
             rank: gpu.kernel("list_rank", &[])?,
             list: gpu.kernel("list", &[])?,
             fill: gpu.kernel("fill", &[])?,
@@ -103,10 +108,15 @@ impl WorkList {
         fill(gpu, "list", &self.marks, &[u32::MAX])
     }
 
+    fn params(&self) -> ListParams {
+        let blocks = self.capacity.div_ceil(32).div_ceil(SCAN_BLOCK);
+        ListParams { count: self.capacity, blocks }
+    }
+
     /// Where the device has how many are listed.
     pub fn length(&self) -> Words<'_> {
-        let words = u64::from(self.capacity.div_ceil(32));
-        (&self.ranks, words..words + 1)
+        let blocks = u64::from(self.params().blocks);
+        (&self.sums, blocks..blocks + 1)
     }
 
     /// Reads how many items lists have that were recorded.
@@ -123,16 +133,20 @@ impl WorkList {
         Ok(())
     }
 
-    /// Ranks the words of marks.
+    /// Room for the ranks of its words of marks.
+    ///
+    /// # Errors
+    /// The device refuses the memory.
+    pub fn ranks(&self, gpu: &Gpu) -> Result<wgpu::Buffer> {
+        gpu.buffer::<u32>("work list ranks", self.capacity.div_ceil(32) as usize)
+    }
+
+    /// Ranks its words of marks: how many items are marked in those before each.
     ///
     /// # Errors
     /// The device refuses.
-    pub fn rank(&self, stage: &mut Stage) -> Result<()> {
-        let words = self.capacity.div_ceil(32);
-        let bindings = [("marks", (&self.marks).into()), ("ranks", (&self.ranks).into())];
-        let params = ListParams { count: self.capacity };
-        stage.dispatch(&self.rank, u64::from(words) + 1, &bindings, &params)?;
-        self.scanner.record(stage, &self.ranks, words + 1)
+    pub fn rank(&self, stage: &mut Stage, ranks: &wgpu::Buffer) -> Result<()> {
+        self.compact(stage, &self.rank, ("ranks", ranks.into()))
     }
 
     /// Lists the marked items, in their order, as the end of the stage that marks them. How many
@@ -141,16 +155,23 @@ impl WorkList {
     /// # Errors
     /// The device failed.
     pub fn record(&self, mut stage: Stage) -> Result<()> {
-        self.rank(&mut stage)?;
-        let bindings = [
-            ("marks", (&self.marks).into()),
-            ("ranks", (&self.ranks).into()),
-            ("work", (&self.items).into()),
-        ];
-        let words = self.capacity.div_ceil(32);
-        let params = ListParams { count: self.capacity };
-        stage.dispatch(&self.list, words.into(), &bindings, &params)?;
+        self.compact(&mut stage, &self.list, ("work", (&self.items).into()))?;
         stage.finish()
+    }
+
+    /// Sums the blocks of marks up, and runs a kernel that wants that.
+    fn compact(
+        &self,
+        stage: &mut Stage,
+        kernel: &Kernel,
+        to: (&'static str, Resource),
+    ) -> Result<()> {
+        let params = self.params();
+        let bindings = [("marks", (&self.marks).into()), ("sums", (&self.sums).into()), to];
+        let threads = u64::from(params.blocks) * u64::from(GROUP);
+        stage.dispatch(&self.total, threads + u64::from(GROUP), &bindings, &params)?;
+        self.scanner.record(stage, &self.sums, params.blocks + 1)?;
+        stage.dispatch(kernel, threads, &bindings, &params)
     }
 
     /// Puts the items in another order, if there is a seed for it.
@@ -166,9 +187,9 @@ impl WorkList {
         Ok(())
     }
 
-    /// Bytes of items, marks and ranks.
+    /// Bytes of items, marks and sums.
     pub fn bytes(&self) -> u64 {
-        self.items.size() + self.marks.size() + self.ranks.size()
+        self.items.size() + self.marks.size() + self.sums.size()
     }
 }
 

@@ -2,6 +2,7 @@
 
 struct ListParams {
     count: u32,
+    blocks: u32, // of SCAN_BLOCK words of marks
 }
 
 @group(0) @binding(20) var<storage, read_write> marks: array<atomic<u32>>;

@@ -21,11 +21,12 @@ static SOURCES: Dir = include_dir!("$CARGO_MANIFEST_DIR/kernels");
 /// Every kernel with the flags that specialise it. A flag missing here does not exist.
 pub const KERNELS: &[(&str, &[&str])] = &[
     ("scan_blocks", &[]),
-    ("scan_add", &[]),
+    ("scan_sums", &[]),
     ("sort_count", &[]),
     ("sort_scatter", &[]),
     ("trace", &["nearest", "float_voxels", "anisotropic", "history", "skip", "listed_bins"]),
     ("photon_query", &[]),
+    ("list_sums", &[]),
     ("list_rank", &[]),
     ("list", &[]),
     ("fill", &[]),

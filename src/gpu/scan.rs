@@ -22,7 +22,7 @@ shared_struct! {
 /// Scans up to a fixed number of words.
 pub struct Scanner {
     blocks: Arc<Kernel>,
-    add: Arc<Kernel>,
+    totals: Arc<Kernel>,
     /// Block totals of each level, and of the levels above.
     sums: Vec<wgpu::Buffer>,
 }
@@ -42,8 +42,8 @@ impl Scanner {
                 break;
             }
         }
-        let (blocks, add) = (gpu.kernel("scan_blocks", &[])?, gpu.kernel("scan_add", &[])?);
-        Ok(Self { blocks, add, sums })
+        let (blocks, totals) = (gpu.kernel("scan_blocks", &[])?, gpu.kernel("scan_sums", &[])?);
+        Ok(Self { blocks, totals, sums })
     }
 
     /// Records the scan of the first `count` words of `data`.
@@ -58,11 +58,11 @@ impl Scanner {
         let (params, sums) = (ScanParams { count }, &self.sums[at]);
         let bindings = [("data", data.into()), ("sums", sums.into())];
         let blocks = count.div_ceil(SCAN_BLOCK).max(1);
-        stage.dispatch(&self.blocks, u64::from(blocks * GROUP), &bindings, &params)?;
+        let threads = u64::from(blocks * GROUP);
         if blocks > 1 {
+            stage.dispatch(&self.totals, threads, &bindings, &params)?;
             self.level(stage, sums, blocks, at + 1)?;
-            stage.dispatch(&self.add, u64::from(count), &bindings, &params)?;
         }
-        Ok(())
+        stage.dispatch(&self.blocks, threads, &bindings, &params)
     }
 }

@@ -30,6 +30,7 @@ pub(super) struct Journal {
     states: wgpu::Buffer,
     /// Photons of a part that changed, as their first slots that did.
     chosen: WorkList,
+    ranks: wgpu::Buffer,
     copy: Arc<Kernel>,
     weigh: Arc<Kernel>,
     /// For the fluence, and for points.
@@ -43,13 +44,15 @@ impl Journal {
     /// An empty one.
     pub fn new(gpu: &Gpu, max_events: u32, split: &Split) -> Result<Self> {
         let most = (SLOTS / max_events).min(split.journal.unwrap_or(u32::MAX));
+        let chosen = WorkList::new(gpu, 0)?;
         Ok(Self {
             most: most.max(1),
             photons: 0,
             max_events,
             places: gpu.buffer::<[u32; 4]>("journal", 0)?,
             states: gpu.buffer::<[u32; 4]>("journal", 0)?,
-            chosen: WorkList::new(gpu, 0)?,
+            ranks: chosen.ranks(gpu)?,
+            chosen,
             copy: gpu.kernel("journal", &[])?,
             weigh: gpu.kernel("weigh", &[])?,
             weighed: [gpu.kernel("weighed", &[])?, gpu.kernel("weighed", &["points"])?],
@@ -66,6 +69,7 @@ impl Journal {
             self.places = gpu.buffer::<[u32; 4]>("journal", slots)?;
             self.states = gpu.buffer::<[u32; 4]>("journal", slots)?;
             self.chosen = WorkList::new(gpu, photons)?;
+            self.ranks = self.chosen.ranks(gpu)?;
             self.photons = photons;
         }
         Ok(())
@@ -161,16 +165,16 @@ impl PhotonMap {
     pub fn choose(&mut self, gpu: &Gpu, batch: usize, part: &Range<u32>) -> Result<PhotonParams> {
         let batch = &self.batches[batch];
         let params = self.journal_params(batch, part);
-        let chosen = &mut self.journal.chosen;
+        let (chosen, ranks) = (&mut self.journal.chosen, &self.journal.ranks);
         let bindings = [
             ("work", (&batch.list.items).into()),
             ("tasks", (&batch.tasks).into()),
             ("marks", (&chosen.marks).into()),
-            ("ranks", (&chosen.ranks).into()),
+            ("ranks", ranks.into()),
             ("chosen", (&chosen.items).into()),
         ];
         let mut stage = gpu.stage("chosen");
-        chosen.rank(&mut stage)?;
+        chosen.rank(&mut stage, ranks)?;
         stage.dispatch(
             &self.journal.choose,
             params.listed.div_ceil(32).into(),
@@ -241,6 +245,7 @@ impl PhotonMap {
 
     /// Bytes of the journal.
     pub fn journal_bytes(&self) -> u64 {
-        self.journal.places.size() + self.journal.states.size() + self.journal.chosen.bytes()
+        let Journal { places, states, chosen, ranks, .. } = &self.journal;
+        places.size() + states.size() + chosen.bytes() + ranks.size()
     }
 }

@@ -103,6 +103,7 @@ impl Points {
         let words = |stage: &'static str| gpu.buffer::<u32>(stage, count as usize);
         // The places of new points are marked, and the list tells who comes elsewhere.
         let list = WorkList::new(gpu, count)?;
+        let ranks = list.ranks(gpu)?;
         let new_places = gpu.buffer::<u32>("new places", new.points.count as usize)?;
         let bindings = [
             ("kept", (&kept.items).into()),
@@ -112,14 +113,14 @@ impl Points {
             ("new_slots", (&new.slots).into()),
             ("new_places", (&new_places).into()),
             ("marks", (&list.marks).into()),
-            ("ranks", (&list.ranks).into()),
+            ("ranks", (&ranks).into()),
             ("order", (&list.items).into()),
         ];
         let params = PointsParams { first: kept.count, ..self.params(new.points.count) };
         let mut stage = gpu.stage("points_merge");
         list.unmark(&mut stage);
         stage.dispatch(&self.merge, params.count.into(), &bindings, &params)?;
-        list.rank(&mut stage)?;
+        list.rank(&mut stage, &ranks)?;
         stage.dispatch(&self.order, count.into(), &bindings, &self.params(count))?;
         let points = Sorted::new(gpu, words("points keys")?, count, &self.params)?;
         let [means, mean_histories] = self.means(gpu, count)?;
