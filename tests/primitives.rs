@@ -202,6 +202,22 @@ fn a_work_list_has_the_marked_items_in_their_order() {
     }
 }
 
+#[test]
+fn a_rank_is_how_many_are_marked_in_the_words_before() {
+    for (seed, size) in SIZES.into_iter().enumerate() {
+        let words = random(seed as u64, size.div_ceil(32));
+        let list = WorkList::new(gpu(), size as u32).expect("it fits");
+        let ranks = list.ranks(gpu()).expect("it fits");
+        gpu().write(&list.marks, &words);
+        let mut stage = gpu().stage("ranks");
+        list.rank(&mut stage, &ranks).expect("it records");
+        stage.finish().expect("it runs");
+        let ones: Vec<_> = words.iter().map(|word| word.count_ones()).collect();
+        let found: Vec<u32> = gpu().read("words", &ranks).expect("it reads");
+        assert!(found[..ones.len()] == prefix_sums(&ones), "{size} items");
+    }
+}
+
 /// Work is submitted late, and what the host writes must not overtake it.
 #[test]
 fn writes_wait_for_what_was_recorded_before() {
