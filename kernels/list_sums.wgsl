@@ -1,5 +1,5 @@
-// How many items each block of SCAN_BLOCK words of marks lists. Beyond the last block stands a
-// zero, where the scan leaves the total.
+// How many items each block of SCAN_BLOCK words of marks lists. The scan leaves the total beyond
+// the last.
 
 import package::constants::{GROUP, SCAN_BLOCK};
 import package::shared::item::group_index;
@@ -20,5 +20,5 @@ fn main(
     var own = 0u;
     for (var i = 0u; i < EACH; i++) { own += countOneBits(marked(begin + i, params.count)); }
     let all = sum_of_all(own);
-    if local == 0u && block <= params.blocks { sums[block] = all; }
+    if local == 0u && block < params.blocks { sums[block] = all; }
 }

@@ -169,7 +169,7 @@ impl WorkList {
         let params = self.params();
         let bindings = [("marks", (&self.marks).into()), ("sums", (&self.sums).into()), to];
         let threads = u64::from(params.blocks) * u64::from(GROUP);
-        stage.dispatch(&self.total, threads + u64::from(GROUP), &bindings, &params)?;
+        stage.dispatch(&self.total, threads, &bindings, &params)?;
         self.scanner.record(stage, &self.sums, params.blocks + 1)?;
         stage.dispatch(kernel, threads, &bindings, &params)
     }
