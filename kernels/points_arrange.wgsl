@@ -1,9 +1,8 @@
-// What a gather asks for, of points that come together in a new order. Of those that are kept
-// (`all` is 1) `order` tells which comes at each place; others come at the places that it tells.
+// What a gather asks for, of points that come together in a new order.
 
 import package::constants::GROUP;
 import package::shared::item::item_index;
-import package::shared::points::PointsParams;
+import package::shared::points::{NOWHERE, PointsParams};
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
 @group(0) @binding(9) var<storage, read> order: array<u32>;
@@ -22,9 +21,9 @@ fn main(
 ) {
     let i = item_index(group, groups, local);
     if i >= params.count { return; }
-    let point = select(i, order[i], params.all == 1u);
-    let place = select(order[i], i, params.all == 1u);
-    keys[place] = seen_keys[point];
-    point_places[place] = seen_places[point];
-    point_lights[place] = seen_lights[point];
+    let place = order[i];
+    if place == NOWHERE { return; }
+    keys[place] = seen_keys[i];
+    point_places[place] = seen_places[i];
+    point_lights[place] = seen_lights[i];
 }

@@ -1,5 +1,6 @@
-// How many of the listed points each bucket has, noted one bucket further: summed up, that is
-// where the bucket begins, and when all are taken (`points_take`), where it ends.
+// How many points each bucket has, of `all` or of those listed, noted one bucket further: summed
+// up, that is where the bucket begins, and when all have come (`points_take`, `points_merge`),
+// where it ends.
 
 import package::constants::GROUP;
 import package::shared::item::item_index;
@@ -18,5 +19,6 @@ fn main(
 ) {
     let i = item_index(group, groups, local);
     if i >= params.count { return; }
-    atomicAdd(&starts[(keys[work[i]] >> params.shift) + 1u], 1u);
+    let point = select(work[i], i, params.all == 1u);
+    atomicAdd(&starts[(keys[point] >> params.shift) + 1u], 1u);
 }

@@ -1,5 +1,5 @@
-// Which sorted points are still where they were: those keep their order. A thread for each
-// word of marks.
+// Which sorted points are still where they were: those keep their order. A thread for each word
+// of marks, the one that the end is in among them.
 
 import package::shared::item::item_index;
 import package::shared::marks::marks;
@@ -18,7 +18,7 @@ fn main(
 ) {
     let word = item_index(group, groups, local);
     let first = 32u * word;
-    if first >= params.count { return; }
+    if first > params.count { return; }
     let count = min(params.count - first, 32u);
     var bits = 0u;
     for (var i = 0u; i < count; i++) {

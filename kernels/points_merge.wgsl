@@ -1,19 +1,18 @@
-// Where new points, sorted by themselves, come among those that are kept, in their old order:
-// each marks its place, and notes it. Equal keys stand in the order of their slots, as a sort of
-// all would have them.
+// Where points come that are kept, and where new ones (`fresh`): bucket by bucket, those that are
+// kept first, in their old order. In which order new ones come there is left open: sums of
+// integers do not depend on it. `starts` has where buckets began; `added`, one bucket further, how
+// many new ones come before each, and when all have come, with its own.
 
-import package::shared::item::item_index;
-import package::shared::marks::mark;
-import package::shared::points::PointsParams;
 import package::constants::GROUP;
+import package::shared::item::item_index;
+import package::shared::kept::{is_kept, kept_before};
+import package::shared::points::{NOWHERE, PointsParams};
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
-@group(0) @binding(9) var<storage, read> kept: array<u32>;
-@group(0) @binding(10) var<storage, read> seen_keys: array<u32>;
-@group(0) @binding(11) var<storage, read> seen_slots: array<u32>;
-@group(0) @binding(12) var<storage, read> new_keys: array<u32>;
-@group(0) @binding(13) var<storage, read> new_slots: array<u32>;
-@group(0) @binding(14) var<storage, read_write> new_places: array<u32>;
+@group(0) @binding(9) var<storage, read> keys: array<u32>;
+@group(0) @binding(10) var<storage, read> starts: array<u32>;
+@group(0) @binding(11) var<storage, read_write> added: array<atomic<u32>>;
+@group(0) @binding(12) var<storage, read_write> order: array<u32>;
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -23,17 +22,11 @@ fn main(
 ) {
     let i = item_index(group, groups, local);
     if i >= params.count { return; }
-    let key = new_keys[i];
-    let slot = new_slots[i];
-    var low = 0u;
-    var high = params.first;
-    while low < high {
-        let middle = (low + high) / 2u;
-        let other = kept[middle];
-        let other_key = seen_keys[other];
-        let precedes = other_key < key || (other_key == key && seen_slots[other] < slot);
-        if precedes { low = middle + 1u; } else { high = middle; }
+    let next = (keys[i] >> params.shift) + 1u;
+    if params.fresh == 1u {
+        order[i] = kept_before(starts[next]) + atomicAdd(&added[next], 1u);
+        return;
     }
-    mark(low + i);
-    new_places[i] = low + i;
+    order[i] = NOWHERE;
+    if is_kept(i) { order[i] = kept_before(i) + atomicLoad(&added[next]); }
 }

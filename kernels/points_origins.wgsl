@@ -1,8 +1,8 @@
-// What updates ask for, of points that come together in a new order, as `points_arrange` has it.
+// What updates ask for, of points that come together in a new order.
 
 import package::constants::GROUP;
 import package::shared::item::item_index;
-import package::shared::points::PointsParams;
+import package::shared::points::{NOWHERE, PointsParams};
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
 @group(0) @binding(9) var<storage, read> order: array<u32>;
@@ -21,9 +21,9 @@ fn main(
 ) {
     let i = item_index(group, groups, local);
     if i >= params.count { return; }
-    let point = select(i, order[i], params.all == 1u);
-    let place = select(order[i], i, params.all == 1u);
-    slots[place] = seen_slots[point];
-    @if(even) { means[place] = seen_means[point]; }
-    @if(even) { mean_histories[place] = seen_histories[point]; }
+    let place = order[i];
+    if place == NOWHERE { return; }
+    slots[place] = seen_slots[i];
+    @if(even) { means[place] = seen_means[i]; }
+    @if(even) { mean_histories[place] = seen_histories[i]; }
 }

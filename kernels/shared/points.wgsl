@@ -11,18 +11,17 @@ struct PointsParams {
     shift: u32,
     buckets: u32,
     kernel: f32,           // 1 / (4/3 pi r^3)
-    first: u32,            // of merged points, how many are kept
     had: u32,              // 1: segments have seen light of what is taken, or of all there is
     step: u32,             // buckets from one that is looked for to the next; 0: far apart
-    all: u32,              // 1: of all slots, not of those that moved
-    changed: vec2<u32>,    // bins whose extinction changed since
+    all: u32,              // 1: of all slots or points, not of those that moved, stay or are listed
     stay: u32,             // 1: a point that is where it was has other light only if its mean changed
+    changed: vec2<u32>,    // bins whose extinction changed since
     has: u32,              // 1: what is taken has light
     fresh: u32,            // 1: nobody has seen these points
-    pad0: u32,
-    pad1: u32,
-    pad2: u32,
 }
+
+// The place of a point that goes.
+const NOWHERE: u32 = 0xffffffffu;
 
 // The light of a point, its colour and g: dark where it was not there, or is not any more.
 struct Change {

@@ -41,7 +41,7 @@ pub const KERNELS: &[(&str, &[&str])] = &[
     ("points_keep", &[]),
     ("points_key", &[]),
     ("points_merge", &[]),
-    ("points_order", &[]),
+    ("points_shift", &[]),
     ("points_mean", &["nearest", "float_voxels", "history", "listed_bins"]),
     ("points_record", &["even", "anisotropic"]),
     ("points_starts", &[]),

@@ -4,7 +4,7 @@
 //! segments have seen and the light that they have now, bucket by bucket, and gathered once.
 //! Where they are many, segments gather all points anew.
 
-use super::{Change, Part, Points, PointsParams, Sorted};
+use super::{Change, Part, Points, PointsParams, Sorted, starts};
 use crate::counter::CounterBuffer;
 use crate::dirty::Dirty;
 use crate::error::Result;
@@ -134,7 +134,7 @@ impl Points {
         let keys = self.none.keys.clone();
         let lights = gpu.buffer::<Change>("point lights", total as usize)?;
         let params = PointsParams { had: 1, ..self.params(total) };
-        let taken = Sorted::of(gpu, [keys, lights], &params)?;
+        let taken = Sorted::of(gpu, [keys, starts(gpu, params.buckets)?, lights], &params)?;
         let mut stage = gpu.stage("points_take");
         stage.clear(&taken.starts);
         for (moved, list) in listed {

@@ -6,8 +6,8 @@
 //! consecutive keys, says where to begin; it needs no probing, and its size is bounded
 //! however small the radius.
 //!
-//! An update leaves points in their order. Those that went are dropped, those that came are
-//! sorted by themselves and merged with the others. Whose light changed is known on the way
+//! An update leaves points in their order. Those that went are dropped, those that came join
+//! the others in their buckets. Whose light changed is known on the way
 //! (`changes`), so that segments take the old light out and add the new, and gather nothing
 //! else.
 
@@ -53,28 +53,21 @@ shared_struct! {
         pub buckets: u32,
         /// 1 / (4/3 pi r³).
         pub kernel: f32,
-        /// Of merged points, how many are kept.
-        pub first: u32,
         /// 1 where segments have seen light of what is taken, or of all there is.
         pub had: u32,
         /// Buckets from one whose begin is looked for to the next; 0: far apart, among all.
         pub step: u32,
-        /// 1 where it is of all slots, or of all points; 0 where of those that moved, or stay.
+        /// 1 where it is of all slots, or of all points; 0 where of those that moved, stay or are
+        /// listed.
         pub all: u32,
-        /// Bins whose extinction changed since.
-        pub changed: [u32; 2],
         /// 1 where a point that is where it was has other light only if its mean changed.
         pub stay: u32,
+        /// Bins whose extinction changed since.
+        pub changed: [u32; 2],
         /// 1 where what is taken has light.
         pub has: u32,
         /// 1 where nobody has seen these points.
         pub fresh: u32,
-        /// Keeps the size a multiple of 16.
-        pub pad0: u32,
-        /// The same.
-        pub pad1: u32,
-        /// The same.
-        pub pad2: u32,
     }
 }
 
@@ -101,21 +94,25 @@ struct Sorted {
 }
 
 impl Sorted {
-    /// Room for points of these keys.
-    fn new(gpu: &Gpu, keys: wgpu::Buffer, count: u32, params: &PointsParams) -> Result<Self> {
-        let lights = gpu.buffer::<[f32; 4]>("point lights", count as usize)?;
-        Self::of(gpu, [keys, lights], &PointsParams { count, ..*params })
+    /// Room for `params.count` points, beside keys and starts.
+    fn new(gpu: &Gpu, [keys, starts]: [wgpu::Buffer; 2], params: &PointsParams) -> Result<Self> {
+        let lights = gpu.buffer::<[f32; 4]>("point lights", params.count as usize)?;
+        Self::of(gpu, [keys, starts, lights], params)
     }
 
-    /// Room for `params.count` points, beside keys and lights.
-    fn of(gpu: &Gpu, [keys, lights]: [wgpu::Buffer; 2], params: &PointsParams) -> Result<Self> {
+    /// The same, beside lights.
+    fn of(
+        gpu: &Gpu,
+        [keys, starts, lights]: [wgpu::Buffer; 3],
+        params: &PointsParams,
+    ) -> Result<Self> {
         let count = params.count;
         Ok(Self {
             count,
             keys,
             places: gpu.buffer::<[u32; 4]>("point places", count as usize)?,
             lights,
-            starts: gpu.buffer::<u32>("points starts", params.buckets as usize + 1)?,
+            starts,
             field: gpu.upload("points field", std::slice::from_ref(params))?,
         })
     }
@@ -220,7 +217,7 @@ pub struct Points {
     keep: Arc<Kernel>,
     key: Arc<Kernel>,
     merge: Arc<Kernel>,
-    order: Arc<Kernel>,
+    shift: Arc<Kernel>,
     mean: Arc<Kernel>,
     record: Arc<Kernel>,
     starts: Arc<Kernel>,
@@ -261,10 +258,11 @@ impl Points {
             ..Default::default()
         };
         let none = PointsParams { shift: 31, buckets: 2, ..params };
+        let keys = gpu.buffer::<u32>("points keys", 0)?;
         Ok(Self {
             even,
             radius: radius as f32,
-            none: Sorted::new(gpu, gpu.buffer::<u32>("points keys", 0)?, 0, &none)?,
+            none: Sorted::new(gpu, [keys, starts(gpu, none.buckets)?], &none)?,
             params,
             key_bits: u64::BITS - (cells - 1).leading_zeros(),
             batches: Vec::new(),
@@ -277,7 +275,7 @@ impl Points {
             keep: gpu.kernel("points_keep", &[])?,
             key: gpu.kernel("points_key", &[])?,
             merge: gpu.kernel("points_merge", &[])?,
-            order: gpu.kernel("points_order", &[])?,
+            shift: gpu.kernel("points_shift", &[])?,
             mean: gpu.kernel(
                 "points_mean",
                 &scene.flags(&["nearest", "float_voxels", "history", "listed_bins"]),
@@ -389,7 +387,7 @@ impl Points {
         Ok(live)
     }
 
-    /// The listed slots, sorted; in so many buckets, or in none if nobody gathers them.
+    /// The listed slots, sorted in so many buckets; as listed in none, if nobody gathers them.
     fn part(
         &self,
         gpu: &Gpu,
@@ -410,8 +408,10 @@ impl Points {
         let mut stage = gpu.stage("points_key");
         stage.dispatch(&self.key, count.into(), &bindings, &params)?;
         stage.finish()?;
-        Sorter::new(gpu, count)?.sort(gpu, &keys, &slots, count, self.key_bits)?;
-        let points = Sorted::new(gpu, keys, count, &params)?;
+        if buckets > 0 {
+            Sorter::new(gpu, count)?.sort(gpu, &keys, &slots, count, self.key_bits)?;
+        }
+        let points = Sorted::new(gpu, [keys, starts(gpu, buckets)?], &params)?;
         let mut stage = gpu.stage("points_place");
         let places = [
             ("slots", (&slots).into()),
@@ -528,6 +528,11 @@ impl Points {
     pub fn bytes(&self) -> u64 {
         self.batches.iter().map(|batch| batch.part.bytes()).sum()
     }
+}
+
+/// Room for where so many buckets begin, and the last ends.
+fn starts(gpu: &Gpu, buckets: u32) -> Result<wgpu::Buffer> {
+    gpu.buffer::<u32>("points starts", buckets as usize + 1)
 }
 
 /// A group finds those means of so many points that there are to be found.

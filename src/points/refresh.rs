@@ -1,14 +1,23 @@
 //! How an update brings the points of a batch up to date: those that are where they were keep
-//! their order, new ones are sorted by themselves and merged with them.
+//! their order, and new ones join them in their buckets.
 
 use super::changes::Moved;
 use super::{Part, Points, PointsParams, Sorted, SortedBatch, mean_threads};
 use crate::error::Result;
 use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
+use crate::gpu::scan::Scanner;
 use crate::photon::{Batch, PhotonMap};
 use crate::render::Split;
 use crate::work::WorkList;
+
+/// Points that are where they were.
+struct Kept {
+    /// Marked, not listed.
+    list: WorkList,
+    /// How many are kept before each word of marks.
+    ranks: wgpu::Buffer,
+}
 
 impl Points {
     /// The points of a batch that are where they were, with the light that they have now, and
@@ -26,17 +35,17 @@ impl Points {
         }
         let mut kept = self.kept(gpu, batch, &own.part)?;
         let mut new = self.live(gpu, batch, own.all_slots, false)?;
-        WorkList::learn(gpu, &mut [&mut kept, &mut new])?;
+        WorkList::learn(gpu, &mut [&mut kept.list, &mut new])?;
         self.elsewhere += u64::from(new.count);
-        if split.sort.unwrap_or_else(|| self.is_sorting_cheaper(new.count, kept.count)) {
+        if split.sort.unwrap_or_else(|| self.is_sorting_cheaper(new.count, kept.list.count)) {
             let now = self.sorted(gpu, scene, (map, batch))?;
             self.moved.extend([Moved::gone(&own.part), Moved::came(&now.part)]);
             return Ok(now);
         }
-        self.moved.push(self.refresh(gpu, scene, batch, (&own.part, Some(&kept)))?);
+        self.moved.push(self.refresh(gpu, scene, batch, (&own.part, Some(&kept.list)))?);
         let new = self.part(gpu, scene, batch, (&new, 0))?;
         self.moved.push(Moved::came(&new));
-        own.part = self.merged(gpu, (&own.part, &kept), &new)?;
+        own.part = self.merged(gpu, (own.part, &kept), &new)?;
         Ok(own)
     }
 
@@ -54,18 +63,22 @@ impl Points {
     }
 
     /// Finds the points of a part that are where they were; how many is to be learned yet.
-    fn kept(&self, gpu: &Gpu, batch: &Batch, part: &Part) -> Result<WorkList> {
+    fn kept(&self, gpu: &Gpu, batch: &Batch, part: &Part) -> Result<Kept> {
         let count = part.points.count;
-        let kept = WorkList::new(gpu, count)?;
+        // One more than there are: it is asked how many are kept before the end.
+        let list = WorkList::new(gpu, count + 1)?;
+        let ranks = list.ranks(gpu)?;
         let bindings = [
             ("moved", (&batch.moved).into()),
             ("slots", (&part.slots).into()),
-            ("marks", (&kept.marks).into()),
+            ("marks", (&list.marks).into()),
         ];
         let mut stage = gpu.stage("points_keep");
-        stage.dispatch(&self.keep, count.div_ceil(32).into(), &bindings, &self.params(count))?;
-        kept.record(stage)?;
-        Ok(kept)
+        let words = u64::from((count + 1).div_ceil(32));
+        stage.dispatch(&self.keep, words, &bindings, &self.params(count))?;
+        list.rank(&mut stage, &ranks)?;
+        stage.finish()?;
+        Ok(Kept { list, ranks })
     }
 
     /// Gives the points of a part the light that they have now: those that are kept, or all.
@@ -98,40 +111,37 @@ impl Points {
     }
 
     /// Points that are kept and new ones.
-    fn merged(&self, gpu: &Gpu, (before, kept): (&Part, &WorkList), new: &Part) -> Result<Part> {
-        let count = kept.count + new.points.count;
-        let words = |stage: &'static str| gpu.buffer::<u32>(stage, count as usize);
-        // The places of new points are marked, and the list tells who comes elsewhere.
-        let list = WorkList::new(gpu, count)?;
-        let ranks = list.ranks(gpu)?;
-        let new_places = gpu.buffer::<u32>("new places", new.points.count as usize)?;
-        let bindings = [
-            ("kept", (&kept.items).into()),
-            ("seen_keys", (&before.points.keys).into()),
-            ("seen_slots", (&before.slots).into()),
-            ("new_keys", (&new.points.keys).into()),
-            ("new_slots", (&new.slots).into()),
-            ("new_places", (&new_places).into()),
-            ("marks", (&list.marks).into()),
-            ("ranks", (&ranks).into()),
-            ("order", (&list.items).into()),
-        ];
-        let params = PointsParams { first: kept.count, ..self.params(new.points.count) };
+    fn merged(&self, gpu: &Gpu, (before, kept): (Part, &Kept), new: &Part) -> Result<Part> {
+        let count = kept.list.count + new.points.count;
+        let words = |stage, count: u32| gpu.buffer::<u32>(stage, count as usize);
+        let begins = self.params.buckets + 1;
+        let added = words("points added", begins)?;
+        let starts = &before.points.starts;
         let mut stage = gpu.stage("points_merge");
-        list.unmark(&mut stage);
-        stage.dispatch(&self.merge, params.count.into(), &bindings, &params)?;
-        list.rank(&mut stage, &ranks)?;
-        stage.dispatch(&self.order, count.into(), &bindings, &self.params(count))?;
-        let points = Sorted::new(gpu, words("points keys")?, count, &self.params)?;
+        stage.clear(&added);
+        let keys = &new.points.keys;
+        let bindings = [("work", keys.into()), ("keys", keys.into()), ("starts", (&added).into())];
+        let params = PointsParams { all: 1, ..self.params(new.points.count) };
+        stage.dispatch(&self.tally, params.count.into(), &bindings, &params)?;
+        Scanner::new(gpu, begins)?.record(&mut stage, &added, begins)?;
+        let keys = words("points keys", count)?;
+        let points = Sorted::new(gpu, [keys, starts.clone()], &self.params(count))?;
         let [means, mean_histories] = self.means(gpu, count)?;
-        let part = Part { slots: words("points slots")?, means, mean_histories, points };
-        // Of those that are kept some come twice, at first: where new ones come then.
-        let kept = PointsParams { all: 1, ..self.params(count) };
-        let new_ones = PointsParams { all: 0, ..self.params(new.points.count) };
-        let all = [(before, &list.items, kept), (new, &new_places, new_ones)];
-        for (from, order, params) in all {
+        let part = Part { slots: words("points slots", count)?, means, mean_histories, points };
+        for (from, fresh) in [(&before, 0), (new, 1)] {
+            let params = PointsParams { fresh, ..self.params(from.points.count) };
+            let order = words("points order", params.count)?;
             let bindings = [
-                ("order", order.into()),
+                ("kept", (&kept.list.marks).into()),
+                ("ranks", (&kept.ranks).into()),
+                ("keys", (&from.points.keys).into()),
+                ("starts", starts.into()),
+                ("added", (&added).into()),
+                ("order", (&order).into()),
+            ];
+            stage.dispatch(&self.merge, params.count.into(), &bindings, &params)?;
+            let bindings = [
+                ("order", (&order).into()),
                 ("seen_keys", (&from.points.keys).into()),
                 ("seen_places", (&from.points.places).into()),
                 ("seen_lights", (&from.points.lights).into()),
@@ -148,7 +158,13 @@ impl Points {
             stage.dispatch(&self.arrange, params.count.into(), &bindings, &params)?;
             stage.dispatch(&self.origins, params.count.into(), &bindings, &params)?;
         }
-        self.find(&mut stage, &part.points)?;
+        let bindings = [
+            ("kept", (&kept.list.marks).into()),
+            ("ranks", (&kept.ranks).into()),
+            ("added", (&added).into()),
+            ("starts", starts.into()),
+        ];
+        stage.dispatch(&self.shift, begins.into(), &bindings, &self.params)?;
         stage.finish()?;
         Ok(part)
     }
