@@ -1,4 +1,5 @@
-// Listed slots, each with the key of its cell.
+// Where the listed slots of a batch are, each with the key of its cell; among all that enter,
+// from `first` on. Slots are told as those of the table.
 
 import package::shared::item::item_index;
 import package::shared::points::{PointsParams, points_cell, points_key};
@@ -9,6 +10,7 @@ import package::constants::GROUP;
 @group(0) @binding(10) var<storage, read> work: array<u32>;
 @group(0) @binding(11) var<storage, read_write> keys: array<u32>;
 @group(0) @binding(12) var<storage, read_write> slots: array<u32>;
+@group(0) @binding(13) var<storage, read_write> point_places: array<vec4<u32>>;
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -19,7 +21,10 @@ fn main(
     let i = item_index(group, groups, local);
     if i >= params.count { return; }
     let slot = work[i];
-    let position = bitcast<vec3<f32>>(places[slot].xyz);
-    keys[i] = points_key(points_cell(position, params), params);
-    slots[i] = slot;
+    let place = places[slot];
+    let position = bitcast<vec3<f32>>(place.xyz);
+    let point = params.first + i;
+    keys[point] = points_key(points_cell(position, params), params);
+    slots[point] = params.first_slot + slot;
+    point_places[point] = place;
 }

@@ -5,12 +5,9 @@
 import package::shared::item::group_index;
 import package::shared::points::PointsParams;
 import package::shared::scene::{frame, optics, entry_at, bin_of, bin_bit};
-import package::shared::slot::slot_entry;
 import package::constants::{GROUP, MEAN_BLOCK};
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
-@group(0) @binding(9) var<storage, read> states: array<vec4<u32>>;
-@group(0) @binding(10) var<storage, read> slots: array<u32>;
 @group(0) @binding(11) var<storage, read> point_places: array<vec4<u32>>;
 @group(0) @binding(12) var<storage, read_write> means: array<f32>;
 @if(history) @group(0) @binding(13) var<storage, read_write> mean_histories: array<vec2<u32>>;
@@ -19,7 +16,7 @@ import package::constants::{GROUP, MEAN_BLOCK};
 @group(0) @binding(16) var<storage, read_write> changed: array<atomic<u32>>;
 
 // Taps of the mean: two shells of a Fibonacci lattice over the ball, of equal volume
-// each, and the photon's own entry.
+// each, and its centre.
 const SHELL: u32 = 16u;
 
 // Those of a group's points that need a mean, side by side, so that no thread waits for others.
@@ -51,7 +48,7 @@ fn is_needed(point: u32) -> bool {
 
 fn find_mean(point: u32) {
     let position = bitcast<vec3<f32>>(point_places[point].xyz);
-    let own = slot_entry(states[slots[point]]);
+    let own = entry_at(position);
     var total = optics[own].extinction;
     var history = bin_bit(bin_of(own));
     for (var i = 0u; i < 2u * SHELL; i++) {

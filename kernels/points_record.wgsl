@@ -1,6 +1,6 @@
-// The light of each point, its contribution: scatter * colour of its own entry * power *
-// kernel. One that is not where it was is dark. Where the light is not what it was, that is
-// noted: segments have seen it.
+// The light of each point of a batch, its contribution: scatter * colour of its own entry *
+// power * kernel. One that is not where it was is dark. Where the light is not what it was, that
+// is noted: segments have seen it.
 //
 // `even` also divides by the mean extinction around it, so that what is blurred is
 // fluence, which is smooth, and not collision density, which is not.
@@ -22,7 +22,7 @@ import package::constants::GROUP;
 @group(0) @binding(15) var<storage, read_write> changed: array<atomic<u32>>;
 
 fn light_of(point: u32) -> vec4<f32> {
-    let slot = slot_of(vec4<u32>(0u), states[slots[point]]);
+    let slot = slot_of(vec4<u32>(0u), states[slots[point] - params.first_slot]);
     let material = scattering[slot.entry];
     var light = unpack_power(slot.power) * material.rgb * params.kernel;
     @if(!anisotropic) { light /= 4.0 * PI; }
@@ -36,15 +36,18 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let point = item_index(group, groups, local);
-    if point >= params.count { return; }
+    let i = item_index(group, groups, local);
+    if i >= params.count { return; }
+    let is_fresh = params.fresh == 1u;
+    let point = select(i, params.first + i, is_fresh);
     let word = point / 32u;
     let bit = 1u << (point % 32u);
-    let is_fresh = params.fresh == 1u;
     let is_kept = is_fresh || params.all == 1u || extractBits(kept[word], point % 32u, 1u) == 1u;
     // A mean that changed has marked its point.
     let may_stay = !is_fresh && params.stay == 1u && is_kept;
     if may_stay && (atomicLoad(&changed[word]) & bit) == 0u { return; }
+    // Those of other batches are not looked at: this wraps where they come before.
+    if slots[point] - params.first_slot >= params.slots { return; }
     var light = vec4<f32>(0.0);
     if is_kept { light = light_of(point); }
     if is_fresh {

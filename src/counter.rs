@@ -128,7 +128,7 @@ impl CounterBuffer {
     /// The device failed.
     pub fn save(&self, gpu: &Gpu) -> Result<()> {
         let mut stage = gpu.stage("counters");
-        stage.copy(&self.counters, &self.saved, self.saved.size());
+        stage.copy(&self.counters, (&self.saved, 0));
         stage.finish()
     }
 
@@ -138,7 +138,7 @@ impl CounterBuffer {
     /// The device failed.
     pub fn restore(&self, gpu: &Gpu) -> Result<()> {
         let mut stage = gpu.stage("counters");
-        stage.copy(&self.saved, &self.counters, self.saved.size());
+        stage.copy(&self.saved, (&self.counters, 0));
         stage.finish()
     }
 

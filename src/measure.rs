@@ -168,7 +168,10 @@ pub fn compare(gpu: &Gpu, one: &PhotonFrame, other: &PhotonFrame) -> Result<Mism
             let ([a, b, c], [d, e, f]) = (a.read(gpu)?, b.read(gpu)?);
             differing(&a, &d).max(differing(&b, &e)).max(differing(&c, &f))
         }
-        (LightField::Points(a), LightField::Points(b)) => differing(&a.read(gpu)?, &b.read(gpu)?),
+        (LightField::Points(a), LightField::Points(b)) => {
+            let (a, b) = (a.sorted(gpu)?, b.sorted(gpu)?);
+            (a.len().max(b.len()) - in_both(&a, &b)) as u64
+        }
         _ => u64::MAX,
     };
     let segments = |frame: &PhotonFrame| -> Result<Vec<Segment>> {
@@ -186,6 +189,18 @@ pub fn compare(gpu: &Gpu, one: &PhotonFrame, other: &PhotonFrame) -> Result<Mism
 pub fn differing_pixels(one: &Image, other: &Image) -> u64 {
     let bits = |image: &Image| image.rgb.iter().map(|p| p.map(f32::to_bits)).collect::<Vec<_>>();
     differing(&bits(one), &bits(other))
+}
+
+/// How many items of two sorted lists are in both.
+fn in_both<T: Ord>(one: &[T], other: &[T]) -> usize {
+    let (mut a, mut b, mut both) = (0, 0, 0);
+    while a < one.len() && b < other.len() {
+        let order = one[a].cmp(&other[b]);
+        both += usize::from(order.is_eq());
+        a += usize::from(order.is_le());
+        b += usize::from(order.is_ge());
+    }
+    both
 }
 
 fn differing<T: PartialEq>(one: &[T], other: &[T]) -> u64 {

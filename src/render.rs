@@ -63,8 +63,11 @@ pub struct Split {
     pub band_rows: Option<u32>,
     /// Photons that the journal of an update holds, at most; `None`: 64 MiB of slots.
     pub journal: Option<u32>,
-    /// Whether updates sort all points of a batch anew, and do not merge those that moved with the
-    /// others; `None`: where that was measured to be faster.
+    /// Slots whose points share a table, at most, unless they are of one batch; `None`: as many as
+    /// a binding holds.
+    pub table_slots: Option<u32>,
+    /// Whether updates take all points anew, and do not merge those that moved with the others;
+    /// `None`: where that was measured to be faster.
     pub sort: Option<bool>,
     /// Shuffles the work lists with this seed, to show that order does not matter.
     pub shuffle: Option<u64>,

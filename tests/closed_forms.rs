@@ -441,8 +441,9 @@ fn a_gather_sums_every_point_within_the_radius_and_no_other() {
         frame.rebuild(gpu(), &Split::default(), &mut Progress::silent()).expect("rebuilds");
         let LightField::Points(points) = &frame.field else { panic!("points were asked for") };
         let float = |word: u32| f64::from(f32::from_bits(word));
-        let points = points.read(gpu()).expect("reads").into_iter().map(|(place, light)| {
-            (dvec3(float(place[0]), float(place[1]), float(place[2])), float(light[0]))
+        let table = points.read(gpu()).expect("reads").swap_remove(0);
+        let points = table.places.iter().zip(&table.lights).map(|(place, light)| {
+            (dvec3(float(place[0]), float(place[1]), float(place[2])), f64::from(light[0]))
         });
         let points: Vec<_> = points.collect();
         let march = (0.09, f64::from(frame.scene.frame.step), radius);

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 use photogram::gpu::kernel::{KERNELS, compose, compose_unchecked, kernel_files, parse};
 use photogram::gpu::layout::Layout;
-use photogram::gpu::{scan, sort};
+use photogram::gpu::scan;
 use photogram::{fluence, frame, light, photon, points, reference, segment};
 use wgpu::naga::back::spv;
 use wgpu::naga::valid::{Capabilities, ValidationFlags, Validator};
@@ -29,7 +29,6 @@ const LAYOUTS: &[Layout] = &[
     photogram::work::ListParams::LAYOUT,
     photogram::work::FillParams::LAYOUT,
     scan::ScanParams::LAYOUT,
-    sort::SortParams::LAYOUT,
     photogram::probe::ProbeParams::LAYOUT,
 ];
 

@@ -32,12 +32,13 @@ fn random_edits_of_random_scenes_leave_what_a_rebuild_leaves() {
             batch_photons: Some(300),
             band_rows: Some(BAND_ROWS),
             journal: Some(128),
+            table_slots: [None, Some(5000)][world as usize / 3 % 2],
             sort: [None, Some(true), Some(false)][world as usize % 3],
             shuffle: Some(world).filter(|_| dice.below(3) == 0),
         };
         let mut frame = frame(&home, &volume, &split);
         let first = snapshot(gpu(), &frame);
-        let mut before = first.clone().without_histories().points_in_any_order();
+        let mut before = first.clone().without_histories();
         let mut scene = home.clone();
         let mut earlier = Vec::new();
         for i in 0..EACH {
@@ -60,17 +61,17 @@ fn random_edits_of_random_scenes_leave_what_a_rebuild_leaves() {
             };
             earlier.truncate(6);
             let (scope, done) = update(&mut frame, &scene, &split);
-            let now = snapshot(gpu(), &frame).without_histories().points_in_any_order();
+            let now = snapshot(gpu(), &frame).without_histories();
             let bands = scene.camera.height.div_ceil(BAND_ROWS) * scene.settings.rays;
             seen.look((class, scope), (&done, bands), &frame, (&before, &now));
             let fresh = rebuild(gpu(), &scene, &volume, &Split::default());
-            let wrong = now.difference(&fresh.without_histories().points_in_any_order());
+            let wrong = now.difference(&fresh.without_histories());
             assert_eq!(wrong, None, "world {world}, edit {i} ({class}): {}", scene.to_toml());
             before = now;
         }
         update(&mut frame, &home, &split);
-        let last = snapshot(gpu(), &frame).without_histories().points_in_any_order();
-        let wrong = last.difference(&first.without_histories().points_in_any_order());
+        let last = snapshot(gpu(), &frame).without_histories();
+        let wrong = last.difference(&first.without_histories());
         assert_eq!(wrong, None, "world {world}: all undone");
     }
     println!("{seen:?}");
@@ -101,6 +102,8 @@ struct Coverage {
     carried: [u64; 2],
     /// Updates of several batches of one light.
     batches: u64,
+    /// Updates of several tables of points, and of one that has several batches.
+    tables: [u64; 2],
 }
 
 impl Coverage {
@@ -147,6 +150,10 @@ impl Coverage {
             self.slots[(state[1] >> 30) as usize] += 1;
         }
         self.batches += u64::from(frame.map.batches.iter().any(|b| b.first_index > 0));
+        if let LightField::Points(points) = &frame.field {
+            self.tables[0] += u64::from(points.tables() > 1);
+            self.tables[1] += u64::from(points.tables() < frame.map.batches.len());
+        }
     }
 
     fn suffices(&self, edits: u64) {
@@ -168,6 +175,7 @@ impl Coverage {
         assert!(self.long_lists.iter().all(|&n| n > edits / 20), "{:?}", self.long_lists);
         assert!(self.carried.iter().all(|&n| n > edits / 50), "few sums carried");
         assert!(self.batches > edits / 10, "few lights had several batches");
+        assert!(self.tables.iter().all(|&n| n > edits / 20), "{:?}", self.tables);
         assert!(self.changed < self.listed, "nothing was listed in vain");
     }
 }

@@ -1,23 +1,26 @@
-// The points light field: photons sorted by the cell of a grid whose edge is the
-// gather radius, H(8). The key is the cell's index, x fastest, so the three cells of a
-// row are one run of the sorted list. `starts` says where each bucket of 2^shift
-// consecutive keys begins; a bucket may hold more than the cells asked for, and the
-// distance test tells.
+// The points light field: photons in buckets of 2^shift consecutive cells of a grid whose
+// edge is the gather radius, H(8). The key is the cell's index, x fastest, so the three
+// cells of a row are one run of points. `starts` says where each bucket begins; a bucket
+// may hold more than the cells asked for, and the distance test tells.
 
 struct PointsParams {
-    grid: vec3<u32>,       // hash cells
-    count: u32,            // slots to look at, or sorted points
+    grid: vec3<u32>,       // cells
+    count: u32,            // slots to look at, or points
     radius: f32,           // mm
     shift: u32,
     buckets: u32,
     kernel: f32,           // 1 / (4/3 pi r^3)
     had: u32,              // 1: segments have seen light of what is taken, or of all there is
-    step: u32,             // buckets from one that is looked for to the next; 0: far apart
+    has: u32,              // 1: what is taken has light
     all: u32,              // 1: of all slots or points, not of those that moved, stay or are listed
     stay: u32,             // 1: a point that is where it was has other light only if its mean changed
     changed: vec2<u32>,    // bins whose extinction changed since
-    has: u32,              // 1: what is taken has light
     fresh: u32,            // 1: nobody has seen these points
+    first: u32,            // of the points that are a batch's, where nobody has seen them
+    first_slot: u32,       // of the table's slots that are a batch's
+    slots: u32,            // how many those are
+    pad0: u32,
+    pad1: u32,
 }
 
 // The place of a point that goes.

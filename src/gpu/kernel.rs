@@ -22,8 +22,6 @@ static SOURCES: Dir = include_dir!("$CARGO_MANIFEST_DIR/kernels");
 pub const KERNELS: &[(&str, &[&str])] = &[
     ("scan_blocks", &[]),
     ("scan_sums", &[]),
-    ("sort_count", &[]),
-    ("sort_scatter", &[]),
     ("trace", &["nearest", "float_voxels", "anisotropic", "history", "skip", "listed_bins"]),
     ("photon_query", &[]),
     ("list_sums", &[]),
@@ -44,11 +42,9 @@ pub const KERNELS: &[(&str, &[&str])] = &[
     ("points_shift", &[]),
     ("points_mean", &["nearest", "float_voxels", "history", "listed_bins"]),
     ("points_record", &["even", "anisotropic"]),
-    ("points_starts", &[]),
     ("points_dirty", &[]),
     ("points_count", &[]),
     ("points_take", &[]),
-    ("points_place", &[]),
     ("points_arrange", &[]),
     ("points_origins", &["even"]),
     (
@@ -151,15 +147,11 @@ fn constants_module() -> String {
         ("CHANGE_ALBEDO", crate::query::CHANGE_ALBEDO),
         ("DIRTY_SPLIT", crate::dirty::DIRTY_SPLIT),
         ("MEAN_BLOCK", crate::points::MEAN_BLOCK),
-        ("BUCKET_STEP", crate::points::BUCKET_STEP),
         ("SPATIAL_AXES", crate::scene::Spatial::Axes as u32),
         ("LIST_READ", crate::segment::LIST_READ),
         ("LIST_LIT", crate::segment::LIST_LIT),
         ("CELL_EDGE", crate::volume::cells::CELL_EDGE),
         ("SCAN_BLOCK", super::scan::SCAN_BLOCK),
-        ("SORT_BLOCK", super::sort::SORT_BLOCK),
-        ("RADIX", super::sort::RADIX),
-        ("RADIX_BITS", super::sort::RADIX_BITS),
     ];
     constants.iter().map(|(name, value)| format!("const {name}: u32 = {value}u;\n")).collect()
 }

@@ -9,7 +9,6 @@ pub mod layout;
 mod recorder;
 pub mod run;
 pub mod scan;
-pub mod sort;
 
 use std::collections::HashMap;
 use std::ops::Range;

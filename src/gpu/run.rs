@@ -298,10 +298,10 @@ impl<'g> Stage<'g> {
         lock(&self.gpu.recorder).encoder(self.gpu).clear_buffer(buffer, 0, Some(bytes));
     }
 
-    /// Copies the beginning of one buffer to another.
-    pub fn copy(&mut self, from: &wgpu::Buffer, to: &wgpu::Buffer, bytes: u64) {
+    /// Copies a buffer into another, from a byte there on.
+    pub fn copy(&mut self, from: &wgpu::Buffer, (to, at): (&wgpu::Buffer, u64)) {
         let mut recorder = lock(&self.gpu.recorder);
-        recorder.encoder(self.gpu).copy_buffer_to_buffer(from, 0, to, 0, bytes);
+        recorder.encoder(self.gpu).copy_buffer_to_buffer(from, 0, to, at, from.size());
     }
 
     /// Ends the stage. Nobody waits, unless the device has no clock and the host's must do.

@@ -4,12 +4,14 @@
 //! segments have seen and the light that they have now, bucket by bucket, and gathered once.
 //! Where they are many, segments gather all points anew.
 
-use super::{Change, Part, Points, PointsParams, Sorted, starts};
+use super::table::{Part, run};
+use super::{Change, Points, PointsParams};
 use crate::counter::CounterBuffer;
 use crate::dirty::Dirty;
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::gpu::scan::Scanner;
+use crate::segment::Run;
 use crate::work::WorkList;
 
 /// What differs from what the segments have seen.
@@ -17,9 +19,24 @@ pub(super) enum Changes {
     /// Nothing.
     None,
     /// Points with the light that was seen and the light that they have.
-    Listed(Sorted),
+    Listed(Listed),
     /// So much that all is to be gathered anew.
     TooMany,
+}
+
+/// In the buckets of their cells.
+pub(super) struct Listed {
+    count: u32,
+    places: wgpu::Buffer,
+    /// A [`Change`] each.
+    lights: wgpu::Buffer,
+    starts: wgpu::Buffer,
+}
+
+impl Listed {
+    pub(super) fn run<'a>(&'a self, field: &'a wgpu::Buffer) -> Run<'a> {
+        run(self.count, [&self.places, &self.lights, &self.starts, field])
+    }
 }
 
 /// Points whose light may have changed.
@@ -36,21 +53,21 @@ pub(super) struct Moved {
 impl Moved {
     /// All points of a part that went.
     pub(super) fn gone(part: &Part) -> Self {
-        Self::new(part, [Some(&part.points.lights), None], None)
+        Self::new(part, [Some(&part.lights), None], None)
     }
 
     /// All points of a part that came.
     pub(super) fn came(part: &Part) -> Self {
-        Self::new(part, [None, Some(&part.points.lights)], None)
+        Self::new(part, [None, Some(&part.lights)], None)
     }
 
     /// Those whose light is not what was `seen`, as marked.
     pub(super) fn some(part: &Part, seen: &wgpu::Buffer, marked: WorkList) -> Self {
-        Self::new(part, [Some(seen), Some(&part.points.lights)], Some(marked))
+        Self::new(part, [Some(seen), Some(&part.lights)], Some(marked))
     }
 
     fn new(part: &Part, lights: [Option<&wgpu::Buffer>; 2], marked: Option<WorkList>) -> Self {
-        let Sorted { count, keys, places, .. } = &part.points;
+        let Part { count, keys, places, .. } = part;
         let (keys, places) = (keys.clone(), places.clone());
         Self { count: *count, keys, places, lights: lights.map(|l| l.cloned()), marked }
     }
@@ -130,11 +147,13 @@ impl Points {
     }
 
     /// All listed points together, in the buckets of their keys.
-    fn taken(&self, gpu: &Gpu, listed: &[Found], total: u32) -> Result<Sorted> {
-        let keys = self.none.keys.clone();
-        let lights = gpu.buffer::<Change>("point lights", total as usize)?;
-        let params = PointsParams { had: 1, ..self.params(total) };
-        let taken = Sorted::of(gpu, [keys, starts(gpu, params.buckets)?, lights], &params)?;
+    fn taken(&self, gpu: &Gpu, listed: &[Found], total: u32) -> Result<Listed> {
+        let taken = Listed {
+            count: total,
+            places: gpu.buffer::<[u32; 4]>("point places", total as usize)?,
+            lights: gpu.buffer::<Change>("point lights", total as usize)?,
+            starts: self.starts(gpu)?,
+        };
         let mut stage = gpu.stage("points_take");
         stage.clear(&taken.starts);
         for (moved, list) in listed {
@@ -146,7 +165,7 @@ impl Points {
             let params = self.params(list.count);
             stage.dispatch(&self.tally, list.count.into(), &bindings, &params)?;
         }
-        let begins = params.buckets + 1;
+        let begins = self.params.buckets + 1;
         Scanner::new(gpu, begins)?.record(&mut stage, &taken.starts, begins)?;
         for (moved, list) in listed {
             let [seen, now] = moved.lights.each_ref().map(Option::as_ref);

@@ -1,53 +1,49 @@
-//! The `points` light field: photons sorted by the cell of a grid whose edge is the
-//! gather radius, H(8).
+//! The `points` light field: photons side by side with those of the same cell of a grid
+//! whose edge is the gather radius, H(8).
 //!
-//! Only live slots enter: listed, sorted by cell key with a stable radix sort, then copied
-//! out in that order with what a gather needs. A table of buckets, each of 2^shift
-//! consecutive keys, says where to begin; it needs no probing, and its size is bounded
-//! however small the radius.
+//! Only live slots enter, with what a gather needs of each. A table of buckets, each of 2^shift
+//! consecutive cells, says where to begin; it needs no probing, and its size is bounded however
+//! small the radius. One table has the points of all lights, as far as a binding holds them: a
+//! ray is marched once for each.
 //!
-//! An update leaves points in their order. Those that went are dropped, those that came join
-//! the others in their buckets. Whose light changed is known on the way
-//! (`changes`), so that segments take the old light out and add the new, and gather nothing
-//! else.
+//! An update leaves points in their order. Those that went are dropped, those that came join the
+//! others in their buckets. Whose light changed is known on the way (`changes`), so that segments
+//! take the old light out and add the new, and gather nothing else.
 
 mod changes;
 mod refresh;
+mod table;
 
 use std::sync::Arc;
 
 use crate::error::{Error, Result};
 use crate::frame::{DeviceScene, words};
+use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
-use crate::gpu::run::{Bindings, Stage};
-use crate::gpu::sort::Sorter;
-use crate::gpu::{GROUP, Gpu};
-use crate::photon::{Batch, PhotonMap};
+use crate::photon::PhotonMap;
 use crate::query::{CHANGE_ALBEDO, CHANGE_FALLEN, CHANGE_PHASE, CHANGE_RISEN, Query};
 use crate::render::{Progress, Split};
 use crate::scene::{Settings, Weighting};
 use crate::segment::Run;
-use crate::work::WorkList;
 use changes::{Changes, Moved};
+use table::{Part, Table};
 
-/// Buckets of one batch's table, at most: 16 MiB.
+/// Buckets of a table, at most: 16 MiB.
 const MAX_BUCKETS: u64 = 1 << 22;
 /// Points of which a work group finds means.
 pub const MEAN_BLOCK: u32 = 512;
-/// Between two buckets that are known so many less one are looked for next.
-pub const BUCKET_STEP: u32 = 16;
 
 shared_struct! {
-    /// The geometry of the hash, as every kernel that touches it is told.
+    /// The geometry of the grid, as every kernel that touches it is told.
     pub struct PointsParams {
         /// Cells along each axis.
         pub grid: [u32; 3],
-        /// Slots to look at, or sorted points.
+        /// Slots to look at, or points.
         pub count: u32,
         /// Gather radius and edge of a cell, mm.
         pub radius: f32,
-        /// Keys in a bucket, as a power of two.
+        /// Cells in a bucket, as a power of two.
         pub shift: u32,
         /// Buckets in the table.
         pub buckets: u32,
@@ -55,8 +51,8 @@ shared_struct! {
         pub kernel: f32,
         /// 1 where segments have seen light of what is taken, or of all there is.
         pub had: u32,
-        /// Buckets from one whose begin is looked for to the next; 0: far apart, among all.
-        pub step: u32,
+        /// 1 where what is taken has light.
+        pub has: u32,
         /// 1 where it is of all slots, or of all points; 0 where of those that moved, stay or are
         /// listed.
         pub all: u32,
@@ -64,10 +60,18 @@ shared_struct! {
         pub stay: u32,
         /// Bins whose extinction changed since.
         pub changed: [u32; 2],
-        /// 1 where what is taken has light.
-        pub has: u32,
         /// 1 where nobody has seen these points.
         pub fresh: u32,
+        /// The first of the points that are a batch's, where nobody has seen them.
+        pub first: u32,
+        /// The first of the table's slots that are a batch's.
+        pub first_slot: u32,
+        /// How many those are.
+        pub slots: u32,
+        /// Keeps the size a multiple of 16.
+        pub pad0: u32,
+        /// The same.
+        pub pad1: u32,
     }
 }
 
@@ -81,138 +85,38 @@ shared_struct! {
     }
 }
 
-/// Points in the order of their cells' keys, or, of changes, bucket by bucket, with what a gather
-/// needs of each.
-struct Sorted {
-    count: u32,
-    keys: wgpu::Buffer,
-    places: wgpu::Buffer,
-    /// A light each, or, of changes, a [`Change`].
-    lights: wgpu::Buffer,
-    starts: wgpu::Buffer,
-    field: wgpu::Buffer,
+/// The points of a table, bucket by bucket.
+pub struct Contents {
+    /// Position, mm (three `f32`), and packed direction of each.
+    pub places: Vec<[u32; 4]>,
+    /// Contribution, 1/(mm³ sr), and g of each.
+    pub lights: Vec<[f32; 4]>,
+    /// Where each bucket begins, and the last ends.
+    pub starts: Vec<u32>,
 }
 
-impl Sorted {
-    /// Room for `params.count` points, beside keys and starts.
-    fn new(gpu: &Gpu, [keys, starts]: [wgpu::Buffer; 2], params: &PointsParams) -> Result<Self> {
-        let lights = gpu.buffer::<[f32; 4]>("point lights", params.count as usize)?;
-        Self::of(gpu, [keys, starts, lights], params)
-    }
-
-    /// The same, beside lights.
-    fn of(
-        gpu: &Gpu,
-        [keys, starts, lights]: [wgpu::Buffer; 3],
-        params: &PointsParams,
-    ) -> Result<Self> {
-        let count = params.count;
-        Ok(Self {
-            count,
-            keys,
-            places: gpu.buffer::<[u32; 4]>("point places", count as usize)?,
-            lights,
-            starts,
-            field: gpu.upload("points field", std::slice::from_ref(params))?,
-        })
-    }
-
-    fn bindings(&self) -> Bindings<'_> {
-        vec![
-            ("field", (&self.field).into()),
-            ("point_places", (&self.places).into()),
-            ("point_lights", (&self.lights).into()),
-            ("starts", (&self.starts).into()),
-            ("keys", (&self.keys).into()),
-        ]
-    }
-
-    /// In place of what tells of points that were there.
-    fn nobody(&self) -> Bindings<'_> {
-        vec![
-            ("kept", (&self.starts).into()),
-            ("seen_lights", (&self.lights).into()),
-            ("changed", (&self.keys).into()),
-        ]
-    }
-
-    fn run(&self) -> Run<'_> {
-        Run { bindings: self.bindings(), points: self.count }
-    }
-
-    fn bytes(&self) -> u64 {
-        [&self.keys, &self.places, &self.lights, &self.starts].map(wgpu::Buffer::size).iter().sum()
-    }
-}
-
-/// Sorted points, and what updates need to know of them.
-struct Part {
-    points: Sorted,
-    /// The slot of each point.
-    slots: wgpu::Buffer,
-    /// The mean extinction around each, 1/mm, where `even` divides by it.
-    means: wgpu::Buffer,
-    /// The historygram of the values that each mean is of, where updates are to come.
-    mean_histories: wgpu::Buffer,
-}
-
-impl Part {
-    fn bindings<'a>(&'a self, batch: &'a Batch) -> Bindings<'a> {
-        let mut bindings = self.points.bindings();
-        bindings.extend([
-            ("states", (&batch.states).into()),
-            ("slots", (&self.slots).into()),
-            ("means", (&self.means).into()),
-            ("mean_histories", (&self.mean_histories).into()),
-        ]);
-        bindings
-    }
-
-    fn bytes(&self) -> u64 {
-        let own = [&self.slots, &self.means, &self.mean_histories];
-        self.points.bytes() + own.map(wgpu::Buffer::size).iter().sum::<u64>()
-    }
-}
-
-/// The points of one photon batch.
-struct SortedBatch {
-    /// Light and first photon of the batch.
-    key: (u32, u32),
-    /// Its photons.
-    photons: u32,
-    /// Its slots, empty ones included.
-    all_slots: u32,
-    part: Part,
-}
-
-impl SortedBatch {
-    fn is_of(&self, batch: &Batch) -> bool {
-        self.key == (batch.light_id, batch.first_index) && self.photons == batch.photons
-    }
-}
-
-/// The sorted points of all batches.
+/// The points of all photons.
 pub struct Points {
     /// Gather radius, mm.
     pub radius: f32,
     params: PointsParams,
+    /// What gathers are told of points, and of changes.
+    fields: [wgpu::Buffer; 2],
     /// Whether fluence is blurred, not collision density.
     pub even: bool,
-    key_bits: u32,
-    batches: Vec<SortedBatch>,
+    tables: Vec<Table>,
     /// What the last build changed.
     moved: Vec<Moved>,
     /// The points whose light changed since all segments were computed.
     changes: Changes,
-    /// Points of a batch that the last build did not find where they had been.
+    /// Points of tables with others that the last build did not find where they had been.
     pub(crate) elsewhere: u64,
     /// Means have histories.
     history: bool,
     /// Segments have not seen what an earlier build changed.
     unsettled: bool,
-    /// No points: for a scene without lights, and where a kernel wants some that it will not
-    /// look at.
-    none: Sorted,
+    /// No points, where a kernel wants some that it will not look at.
+    none: Part,
     mark: Arc<Kernel>,
     keep: Arc<Kernel>,
     key: Arc<Kernel>,
@@ -220,11 +124,9 @@ pub struct Points {
     shift: Arc<Kernel>,
     mean: Arc<Kernel>,
     record: Arc<Kernel>,
-    starts: Arc<Kernel>,
     dirty: Arc<Kernel>,
     take: Arc<Kernel>,
     tally: Arc<Kernel>,
-    place: Arc<Kernel>,
     arrange: Arc<Kernel>,
     origins: Arc<Kernel>,
 }
@@ -257,15 +159,14 @@ impl Points {
             kernel: (0.75 / (std::f64::consts::PI * radius.powi(3))) as f32,
             ..Default::default()
         };
-        let none = PointsParams { shift: 31, buckets: 2, ..params };
-        let keys = gpu.buffer::<u32>("points keys", 0)?;
+        let field = |had| gpu.upload("points field", &[PointsParams { had, ..params }]);
         Ok(Self {
             even,
             radius: radius as f32,
-            none: Sorted::new(gpu, [keys, starts(gpu, none.buckets)?], &none)?,
+            none: Part::new(gpu, 0, [even, settings.history])?,
+            fields: [field(0)?, field(1)?],
             params,
-            key_bits: u64::BITS - (cells - 1).leading_zeros(),
-            batches: Vec::new(),
+            tables: Vec::new(),
             moved: Vec::new(),
             changes: Changes::None,
             elsewhere: 0,
@@ -281,11 +182,9 @@ impl Points {
                 &scene.flags(&["nearest", "float_voxels", "history", "listed_bins"]),
             )?,
             record: record_kernel(gpu, scene, even)?,
-            starts: gpu.kernel("points_starts", &[])?,
             dirty: gpu.kernel("points_dirty", &[])?,
             take: gpu.kernel("points_take", &[])?,
             tally: gpu.kernel("points_count", &[])?,
-            place: gpu.kernel("points_place", &[])?,
             arrange: gpu.kernel("points_arrange", &[])?,
             origins: gpu.kernel("points_origins", if even { &["even"] } else { &[] })?,
         })
@@ -300,9 +199,9 @@ impl Points {
         Ok(())
     }
 
-    /// Has the next build sort all points anew.
+    /// Has the next build take all points anew.
     pub fn forget(&mut self) {
-        self.batches.clear();
+        self.tables.clear();
         self.moved.clear();
         self.unsettled = false;
     }
@@ -320,9 +219,7 @@ impl Points {
         (query, split): (&Query, &Split),
         progress: &mut Progress,
     ) -> Result<()> {
-        let total = map.batches.len();
         self.elsewhere = 0;
-        let mut before = std::mem::take(&mut self.batches);
         // Segments correct their sums by what one build changed, not by two.
         self.changes = if self.unsettled { Changes::TooMany } else { Changes::None };
         let reaches = |columns| query.changes.iter().any(|change| change & columns != 0);
@@ -332,133 +229,61 @@ impl Points {
         self.params.changed = words(query.mask(extinction, &scene.bins));
         self.params.stay = (!weights).into();
         self.moved.clear();
-        for i in 0..total {
-            let batch = &map.batches[i];
-            let own = before.iter().position(|sorted| sorted.is_of(batch));
-            let now = match own.map(|at| before.swap_remove(at)) {
-                Some(own) if !all && !batch.stale => own,
-                Some(own) => self.refreshed(gpu, scene, (map, batch), (own, split))?,
-                None => {
-                    let now = self.sorted(gpu, scene, (map, batch))?;
-                    self.moved.push(Moved::came(&now.part));
-                    now
-                }
+        let most = split.table_slots.unwrap_or_else(|| (gpu.max_binding() / 16) as u32);
+        let tables = self.with_all(gpu, map, most)?;
+        let total = tables.len() as u64;
+        for (i, table) in tables.into_iter().enumerate() {
+            let now = match all || !table.is_current(map) {
+                true => self.refreshed(gpu, scene, map, (table, all), split)?,
+                false => table,
             };
-            self.batches.push(now);
-            map.batches[i].settle(gpu)?;
-            progress.at("sort", i as u64 + 1, total as u64);
+            self.tables.push(now);
+            progress.at("sort", i as u64 + 1, total);
         }
-        self.moved.extend(before.iter().map(|gone| Moved::gone(&gone.part)));
+        map.batches.iter_mut().try_for_each(|batch| batch.settle(gpu))?;
         self.unsettled |= !self.moved.is_empty();
         Ok(())
     }
 
-    /// All live slots of a batch, sorted.
-    fn sorted(
-        &self,
-        gpu: &Gpu,
-        scene: &DeviceScene,
-        (map, batch): (&PhotonMap, &Batch),
-    ) -> Result<SortedBatch> {
-        let all_slots = batch.photons * map.max_events;
-        let mut live = self.live(gpu, batch, all_slots, true)?;
-        WorkList::learn(gpu, &mut [&mut live])?;
-        Ok(SortedBatch {
-            key: (batch.light_id, batch.first_index),
-            photons: batch.photons,
-            all_slots,
-            part: self.part(gpu, scene, batch, (&live, self.params.buckets))?,
-        })
+    /// All tables, with those batches among their members that are new: in the first table that
+    /// has room, or in one of their own.
+    fn with_all(&mut self, gpu: &Gpu, map: &PhotonMap, most: u32) -> Result<Vec<Table>> {
+        let mut tables = std::mem::take(&mut self.tables);
+        tables.retain(|table| table.part.count > 0 || table.has_any(map));
+        for batch in &map.batches {
+            if tables.iter().any(|table| table.has(batch)) {
+                continue;
+            }
+            let slots = batch.photons * map.max_events;
+            if !tables.iter_mut().any(|table| table.admit(batch, slots, most)) {
+                let mut table = self.empty(gpu)?;
+                table.admit(batch, slots, slots);
+                tables.push(table);
+            }
+        }
+        if tables.is_empty() {
+            tables.push(self.empty(gpu)?);
+        }
+        Ok(tables)
     }
 
-    /// The slots of a batch that enter the light field, of all or of those that moved; how many
-    /// is to be learned yet.
-    fn live(&self, gpu: &Gpu, batch: &Batch, all_slots: u32, all: bool) -> Result<WorkList> {
-        let live = WorkList::new(gpu, all_slots)?;
-        let bindings = [
-            ("states", (&batch.states).into()),
-            ("moved", (&batch.moved).into()),
-            ("marks", (&live.marks).into()),
-        ];
-        let params = PointsParams { all: all.into(), ..self.params(all_slots) };
-        let mut stage = gpu.stage("points_mark");
-        stage.dispatch(&self.mark, all_slots.div_ceil(32).into(), &bindings, &params)?;
-        live.record(stage)?;
-        Ok(live)
+    fn empty(&self, gpu: &Gpu) -> Result<Table> {
+        let part = Part::new(gpu, 0, self.extras())?;
+        Ok(Table { members: Vec::new(), part, starts: self.starts(gpu)? })
     }
 
-    /// The listed slots, sorted in so many buckets; as listed in none, if nobody gathers them.
-    fn part(
-        &self,
-        gpu: &Gpu,
-        scene: &DeviceScene,
-        batch: &Batch,
-        (list, buckets): (&WorkList, u32),
-    ) -> Result<Part> {
-        let count = list.count;
-        let words = |stage: &'static str| gpu.buffer::<u32>(stage, count as usize);
-        let (keys, slots) = (words("points keys")?, words("points slots")?);
-        let bindings = [
-            ("places", (&batch.places).into()),
-            ("work", (&list.items).into()),
-            ("keys", (&keys).into()),
-            ("slots", (&slots).into()),
-        ];
-        let params = PointsParams { buckets, ..self.params(count) };
-        let mut stage = gpu.stage("points_key");
-        stage.dispatch(&self.key, count.into(), &bindings, &params)?;
-        stage.finish()?;
-        if buckets > 0 {
-            Sorter::new(gpu, count)?.sort(gpu, &keys, &slots, count, self.key_bits)?;
-        }
-        let points = Sorted::new(gpu, [keys, starts(gpu, buckets)?], &params)?;
-        let mut stage = gpu.stage("points_place");
-        let places = [
-            ("slots", (&slots).into()),
-            ("places", (&batch.places).into()),
-            ("point_places", (&points.places).into()),
-        ];
-        stage.dispatch(&self.place, count.into(), &places, &params)?;
-        if buckets > 0 {
-            self.find(&mut stage, &points)?;
-        }
-        stage.finish()?;
-        let [means, mean_histories] = self.means(gpu, count)?;
-        let part = Part { points, slots, means, mean_histories };
-        let none = &self.none;
-        let bindings = [scene.bindings(), part.bindings(batch), none.nobody()].concat();
-        let params = PointsParams { fresh: 1, ..params };
-        let mut stage = gpu.stage("points_record");
-        if self.even {
-            stage.dispatch(&self.mean, mean_threads(count), &bindings, &params)?;
-        }
-        stage.dispatch(&self.record, count.into(), &bindings, &params)?;
-        stage.finish()?;
-        Ok(part)
+    /// Whether points have means, and those histories.
+    fn extras(&self) -> [bool; 2] {
+        [self.even, self.history]
     }
 
-    /// Room for the means of points, and for their histories.
-    fn means(&self, gpu: &Gpu, count: u32) -> Result<[wgpu::Buffer; 2]> {
-        let room = |is_wanted| if is_wanted { count as usize } else { 0 };
-        Ok([
-            gpu.buffer::<f32>("point means", room(self.even))?,
-            gpu.buffer::<[u32; 2]>("mean histories", room(self.even && self.history))?,
-        ])
+    /// Room for where each bucket begins, and the last ends.
+    fn starts(&self, gpu: &Gpu) -> Result<wgpu::Buffer> {
+        gpu.buffer::<u32>("points starts", self.params.buckets as usize + 1)
     }
 
     fn params(&self, count: u32) -> PointsParams {
         PointsParams { count, ..self.params }
-    }
-
-    /// Records where each bucket begins.
-    fn find(&self, stage: &mut Stage, points: &Sorted) -> Result<()> {
-        for step in [0, BUCKET_STEP, 1] {
-            let params = PointsParams { step, ..self.params(points.count) };
-            let known = if step == 0 { BUCKET_STEP } else { step } * BUCKET_STEP;
-            let threads = u64::from(params.buckets / known) + 1;
-            stage.dispatch(&self.starts, threads, &points.bindings(), &params)?;
-        }
-        Ok(())
     }
 
     /// All segments were computed from what there is.
@@ -477,10 +302,7 @@ impl Points {
 
     /// All points.
     pub(crate) fn runs(&self) -> Vec<Run<'_>> {
-        match self.batches.is_empty() {
-            true => vec![self.none.run()],
-            false => self.batches.iter().map(|batch| batch.part.points.run()).collect(),
-        }
+        self.tables.iter().map(|table| table.run(&self.fields[0])).collect()
     }
 
     /// The points whose light changed since all segments were computed, with old and new light;
@@ -488,56 +310,64 @@ impl Points {
     pub(crate) fn changes(&self) -> Option<Vec<Run<'_>>> {
         match &self.changes {
             Changes::None => Some(Vec::new()),
-            Changes::Listed(points) => Some(vec![points.run()]),
+            Changes::Listed(listed) => Some(vec![listed.run(&self.fields[1])]),
             Changes::TooMany => None,
         }
     }
 
     /// How many points there are.
     pub fn count(&self) -> u64 {
-        self.batches.iter().map(|b| u64::from(b.part.points.count)).sum()
+        self.tables.iter().map(|table| u64::from(table.part.count)).sum()
     }
 
-    /// The sorted points of all batches: position and direction, contribution and g.
+    /// How many tables there are.
+    pub fn tables(&self) -> usize {
+        self.tables.len()
+    }
+
+    /// What each table holds.
     ///
     /// # Errors
     /// The device failed.
-    pub fn read(&self, gpu: &Gpu) -> Result<Vec<([u32; 4], [u32; 4])>> {
-        let mut all = Vec::new();
-        for batch in &self.batches {
-            let points = &batch.part.points;
-            let places = gpu.read::<[u32; 4]>("point places", &points.places)?;
-            let lights = gpu.read::<[u32; 4]>("point lights", &points.lights)?;
-            all.extend(places.into_iter().zip(lights).take(points.count as usize));
-        }
+    pub fn read(&self, gpu: &Gpu) -> Result<Vec<Contents>> {
+        let contents = self.tables.iter().map(|Table { part, starts, .. }| {
+            let mut places = gpu.read::<[u32; 4]>("point places", &part.places)?;
+            let mut lights = gpu.read::<[f32; 4]>("point lights", &part.lights)?;
+            places.truncate(part.count as usize);
+            lights.truncate(part.count as usize);
+            Ok(Contents { places, lights, starts: gpu.read("points starts", starts)? })
+        });
+        contents.collect()
+    }
+
+    /// All points, place and light, in the order of their bits: that in which those of a bucket
+    /// come is left open.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn sorted(&self, gpu: &Gpu) -> Result<Vec<[u32; 8]>> {
+        let tables = self.read(gpu)?.into_iter();
+        let each = tables.flat_map(|table| table.places.into_iter().zip(table.lights));
+        let mut all: Vec<[u32; 8]> =
+            each.map(|(place, light)| bytemuck::cast([place, light.map(f32::to_bits)])).collect();
+        all.sort_unstable();
         Ok(all)
     }
 
-    /// Bytes that an update takes beside the points, at most: work lists of slots, of points
-    /// that are kept and whose light changed, at 4.25 bytes an item; the light that points had
-    /// before; 80 % of them sorted by themselves, with room for that, all of them merged, their
-    /// order and the places of those; and those whose light changed, at most 70 % as many as there
-    /// are points, at 48 bytes each.
+    /// Bytes that an update takes beside the points, at most: lists of slots, of points that are
+    /// kept and of those whose light changed, at 4.25 bytes an item; a bit for each slot; the light
+    /// that points had before; all of them anew, once as they come and once in their buckets, with
+    /// the places of both; or those whose light changed, at most 70 % as many, at 48 bytes each.
     pub fn update_bytes(&self) -> u64 {
-        let slots: u64 = self.batches.iter().map(|batch| u64::from(batch.all_slots)).sum();
+        let slots: u64 = self.tables.iter().map(|table| u64::from(table.slots())).sum();
         let points = self.count();
-        (17 * slots + 2 * 17 * points) / 4 + (16 + 7 + 8 + 34) * points + self.bytes() * 9 / 5
+        (17 * slots + 2 * 17 * points) / 4 + slots / 8 + (16 + 8) * points + 2 * self.bytes()
     }
 
-    /// Bytes of the sorted points and their tables.
+    /// Bytes of the points and their tables.
     pub fn bytes(&self) -> u64 {
-        self.batches.iter().map(|batch| batch.part.bytes()).sum()
+        self.tables.iter().map(Table::bytes).sum()
     }
-}
-
-/// Room for where so many buckets begin, and the last ends.
-fn starts(gpu: &Gpu, buckets: u32) -> Result<wgpu::Buffer> {
-    gpu.buffer::<u32>("points starts", buckets as usize + 1)
-}
-
-/// A group finds those means of so many points that there are to be found.
-fn mean_threads(count: u32) -> u64 {
-    u64::from(count.div_ceil(MEAN_BLOCK) * GROUP)
 }
 
 fn record_kernel(gpu: &Gpu, scene: &DeviceScene, even: bool) -> Result<Arc<Kernel>> {

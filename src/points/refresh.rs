@@ -1,57 +1,90 @@
-//! How an update brings the points of a batch up to date: those that are where they were keep
+//! How an update brings the points of a table up to date: those that are where they were keep
 //! their order, and new ones join them in their buckets.
 
 use super::changes::Moved;
-use super::{Part, Points, PointsParams, Sorted, SortedBatch, mean_threads};
+use super::table::{Member, Part, Table};
+use super::{MEAN_BLOCK, Points, PointsParams};
 use crate::error::Result;
 use crate::frame::DeviceScene;
-use crate::gpu::Gpu;
 use crate::gpu::scan::Scanner;
+use crate::gpu::{GROUP, Gpu};
 use crate::photon::{Batch, PhotonMap};
 use crate::render::Split;
-use crate::work::WorkList;
+use crate::work::{WorkList, fill};
 
 /// Points that are where they were.
 struct Kept {
-    /// Marked, not listed.
+    /// Marked, not listed. One more than there are: it is asked how many are kept before the end.
     list: WorkList,
     /// How many are kept before each word of marks.
     ranks: wgpu::Buffer,
 }
 
+impl Kept {
+    /// None of so many.
+    fn none(gpu: &Gpu, count: u32) -> Result<Self> {
+        let list = WorkList::new(gpu, count + 1)?;
+        let ranks = list.ranks(gpu)?;
+        Ok(Self { list, ranks })
+    }
+}
+
+/// Slots of a batch whose points are new to a table.
+struct Entering<'a> {
+    member: &'a Member,
+    batch: &'a Batch,
+    list: WorkList,
+}
+
+fn count(entering: &[Entering]) -> u32 {
+    entering.iter().map(|of| of.list.count).sum()
+}
+
 impl Points {
-    /// The points of a batch that are where they were, with the light that they have now, and
-    /// the others; or all sorted anew where that is cheaper.
+    /// The points of a table as they are now: those that are kept, with the light that they have
+    /// now, and the others; or all anew where that is cheaper. `all` may have other light.
     pub(super) fn refreshed(
         &mut self,
         gpu: &Gpu,
         scene: &DeviceScene,
-        (map, batch): (&PhotonMap, &Batch),
-        (mut own, split): (SortedBatch, &Split),
-    ) -> Result<SortedBatch> {
-        if !batch.any_moved {
-            self.moved.push(self.refresh(gpu, scene, batch, (&own.part, None))?);
-            return Ok(own);
+        map: &PhotonMap,
+        (mut table, all): (Table, bool),
+        split: &Split,
+    ) -> Result<Table> {
+        if !table.members.iter().any(|member| member.moves(map)) {
+            self.moved.push(self.refresh(gpu, scene, map, (&table, None), all)?);
+            return Ok(table);
         }
-        let mut kept = self.kept(gpu, batch, &own.part)?;
-        let mut new = self.live(gpu, batch, own.all_slots, false)?;
-        WorkList::learn(gpu, &mut [&mut kept.list, &mut new])?;
-        self.elsewhere += u64::from(new.count);
-        if split.sort.unwrap_or_else(|| self.is_sorting_cheaper(new.count, kept.list.count)) {
-            let now = self.sorted(gpu, scene, (map, batch))?;
-            self.moved.extend([Moved::gone(&own.part), Moved::came(&now.part)]);
-            return Ok(now);
+        let is_first = table.part.count == 0;
+        let mut entering = self.entering(gpu, map, &table)?;
+        let mut kept = self.kept(gpu, map, &table)?;
+        let lists = entering.iter_mut().map(|of| &mut of.list).chain([&mut kept.list]);
+        WorkList::learn(gpu, &mut lists.collect::<Vec<_>>())?;
+        let (new, stay) = (count(&entering), kept.list.count);
+        let wanted = || split.sort.unwrap_or_else(|| self.is_sorting_cheaper(new, stay));
+        if !is_first && wanted() {
+            self.moved.push(Moved::gone(&table.part));
+            table = Table { members: table.members, ..self.empty(gpu)? };
+            table.members.iter_mut().for_each(|member| member.entered = false);
+            entering = self.entering(gpu, map, &table)?;
+            kept = Kept::none(gpu, 0)?;
+            let lists = entering.iter_mut().map(|of| &mut of.list);
+            WorkList::learn(gpu, &mut lists.collect::<Vec<_>>())?;
+        } else if !is_first {
+            self.moved.push(self.refresh(gpu, scene, map, (&table, Some(&kept.list)), all)?);
         }
-        self.moved.push(self.refresh(gpu, scene, batch, (&own.part, Some(&kept.list)))?);
-        let new = self.part(gpu, scene, batch, (&new, 0))?;
+        self.elsewhere += if is_first { 0 } else { u64::from(new) };
+        let new = self.entered(gpu, scene, &entering)?;
         self.moved.push(Moved::came(&new));
-        own.part = self.merged(gpu, (own.part, &kept), &new)?;
-        Ok(own)
+        let part = self.merged(gpu, &table, &kept, &new)?;
+        table.members.retain(|member| member.batch(map).is_some());
+        table.members.iter_mut().for_each(|member| member.entered = true);
+        Ok(Table { part, ..table })
     }
 
-    /// Whether to sort all points anew rather than those that moved, and merge them with those
+    /// Whether to take all points anew rather than those that moved, and merge them with those
     /// that are kept. Merging was measured to pay until 60 % moved; until 80 % where means are
-    /// known, which sorting anew forgets; where extinction changed, until 10 % if it changed
+    /// known, which are forgotten otherwise; where extinction changed, until 10 % if it changed
     /// around all points, and 80 % if around few: half is between.
     fn is_sorting_cheaper(&self, moved: u32, kept: u32) -> bool {
         let share = match (self.even, self.params.changed == [0, 0]) {
@@ -62,41 +95,115 @@ impl Points {
         f64::from(moved) > share * (f64::from(moved) + f64::from(kept))
     }
 
-    /// Finds the points of a part that are where they were; how many is to be learned yet.
-    fn kept(&self, gpu: &Gpu, batch: &Batch, part: &Part) -> Result<Kept> {
-        let count = part.points.count;
-        // One more than there are: it is asked how many are kept before the end.
-        let list = WorkList::new(gpu, count + 1)?;
-        let ranks = list.ranks(gpu)?;
-        let bindings = [
-            ("moved", (&batch.moved).into()),
-            ("slots", (&part.slots).into()),
-            ("marks", (&list.marks).into()),
-        ];
+    /// Finds the points of a table that are where they were; how many is to be learned yet.
+    fn kept(&self, gpu: &Gpu, map: &PhotonMap, table: &Table) -> Result<Kept> {
+        let count = table.part.count;
+        let kept = Kept::none(gpu, count)?;
+        // A bit for each slot of the table: of batches that are gone, all.
+        let moved = gpu.buffer::<u32>("moved slots", table.slots().div_ceil(32) as usize)?;
+        if table.members.iter().any(|member| member.batch(map).is_none()) {
+            fill(gpu, "points_keep", &moved, &[u32::MAX])?;
+        }
         let mut stage = gpu.stage("points_keep");
+        for member in &table.members {
+            if let Some(Batch { moved: own, .. }) = member.batch(map) {
+                stage.copy(own, (&moved, u64::from(member.slots.start / 8)));
+            }
+        }
+        let bindings = [
+            ("moved", (&moved).into()),
+            ("slots", (&table.part.slots).into()),
+            ("marks", (&kept.list.marks).into()),
+        ];
         let words = u64::from((count + 1).div_ceil(32));
         stage.dispatch(&self.keep, words, &bindings, &self.params(count))?;
-        list.rank(&mut stage, &ranks)?;
+        kept.list.rank(&mut stage, &kept.ranks)?;
         stage.finish()?;
-        Ok(Kept { list, ranks })
+        Ok(kept)
     }
 
-    /// Gives the points of a part the light that they have now: those that are kept, or all.
+    /// Finds the slots of members that enter the table: those that moved, or all; how many is to
+    /// be learned yet.
+    fn entering<'a>(
+        &self,
+        gpu: &Gpu,
+        map: &'a PhotonMap,
+        table: &'a Table,
+    ) -> Result<Vec<Entering<'a>>> {
+        let present = table.members.iter().filter_map(|m| Some((m, m.batch(map)?)));
+        let some = present.filter(|(member, _)| member.moves(map));
+        some.map(|(member, batch)| {
+            let slots = member.slots.end - member.slots.start;
+            let list = WorkList::new(gpu, slots)?;
+            let bindings = [
+                ("states", (&batch.states).into()),
+                ("moved", (&batch.moved).into()),
+                ("marks", (&list.marks).into()),
+            ];
+            let params = PointsParams { all: (!member.entered).into(), ..self.params(slots) };
+            let mut stage = gpu.stage("points_mark");
+            stage.dispatch(&self.mark, slots.div_ceil(32).into(), &bindings, &params)?;
+            list.record(stage)?;
+            Ok(Entering { member, batch, list })
+        })
+        .collect()
+    }
+
+    /// The points of the slots that enter, batch by batch.
+    fn entered(&self, gpu: &Gpu, scene: &DeviceScene, entering: &[Entering]) -> Result<Part> {
+        let all = count(entering);
+        let part = Part::new(gpu, all, self.extras())?;
+        let none = &self.none;
+        let mut bindings = [scene.bindings(), part.bindings()].concat();
+        bindings.extend([
+            ("kept", (&none.slots).into()),
+            ("seen_lights", (&none.lights).into()),
+            ("changed", (&none.keys).into()),
+        ]);
+        let mut first = 0;
+        let mut each = Vec::new();
+        for Entering { member, batch, list } in entering {
+            let params = member.within(PointsParams { fresh: 1, first, ..self.params(list.count) });
+            let own = [
+                ("states", (&batch.states).into()),
+                ("places", (&batch.places).into()),
+                ("work", (&list.items).into()),
+            ];
+            each.push(([bindings.as_slice(), &own].concat(), params));
+            first += list.count;
+        }
+        let mut stage = gpu.stage("points_key");
+        for (bindings, params) in &each {
+            stage.dispatch(&self.key, params.count.into(), bindings, params)?;
+        }
+        if self.even {
+            let params = PointsParams { fresh: 1, ..self.params(all) };
+            stage.dispatch(&self.mean, mean_threads(all), &bindings, &params)?;
+        }
+        for (bindings, params) in &each {
+            stage.dispatch(&self.record, params.count.into(), bindings, params)?;
+        }
+        stage.finish()?;
+        Ok(part)
+    }
+
+    /// Gives the points of a table the light that they have now: those that are kept, or all.
     fn refresh(
         &self,
         gpu: &Gpu,
         scene: &DeviceScene,
-        batch: &Batch,
-        (part, kept): (&Part, Option<&WorkList>),
+        map: &PhotonMap,
+        (table, kept): (&Table, Option<&WorkList>),
+        all: bool,
     ) -> Result<Moved> {
-        let count = part.points.count;
-        let stay = if batch.any_repowered { 0 } else { self.params.stay };
-        let params = PointsParams { all: kept.is_none().into(), stay, ..self.params(count) };
+        let part = &table.part;
+        let count = part.count;
+        let params = PointsParams { all: kept.is_none().into(), ..self.params(count) };
         let seen = gpu.buffer::<[f32; 4]>("point lights", count as usize)?;
         let changed = WorkList::new(gpu, count)?;
-        let mut bindings = [scene.bindings(), part.bindings(batch)].concat();
+        let mut bindings = [scene.bindings(), part.bindings()].concat();
         bindings.extend([
-            ("kept", kept.map_or(&self.none.starts, |kept| &kept.marks).into()),
+            ("kept", kept.map_or(&self.none.slots, |kept| &kept.marks).into()),
             ("seen_lights", (&seen).into()),
             ("changed", (&changed.marks).into()),
         ]);
@@ -105,67 +212,63 @@ impl Points {
         if self.even && params.changed != [0, 0] {
             stage.dispatch(&self.mean, mean_threads(count), &bindings, &params)?;
         }
-        stage.dispatch(&self.record, count.into(), &bindings, &params)?;
+        for member in &table.members {
+            let batch = member.batch(map);
+            if !all && batch.is_some_and(|batch| !batch.stale) {
+                continue;
+            }
+            // Of a batch that is gone no point is kept, and no state is asked for.
+            let states = batch.map_or(&part.places, |batch| &batch.states);
+            let own = [bindings.as_slice(), &[("states", states.into())]].concat();
+            let is_repowered = batch.is_some_and(|batch| batch.any_repowered);
+            let stay = if is_repowered { 0 } else { params.stay };
+            let params = member.within(PointsParams { stay, ..params });
+            stage.dispatch(&self.record, count.into(), &own, &params)?;
+        }
         stage.finish()?;
         Ok(Moved::some(part, &seen, changed))
     }
 
-    /// Points that are kept and new ones.
-    fn merged(&self, gpu: &Gpu, (before, kept): (Part, &Kept), new: &Part) -> Result<Part> {
-        let count = kept.list.count + new.points.count;
-        let words = |stage, count: u32| gpu.buffer::<u32>(stage, count as usize);
+    /// Points of a table that are kept and new ones; where buckets begin is found anew.
+    fn merged(&self, gpu: &Gpu, table: &Table, kept: &Kept, new: &Part) -> Result<Part> {
+        let Table { part: before, starts, .. } = table;
         let begins = self.params.buckets + 1;
-        let added = words("points added", begins)?;
-        let starts = &before.points.starts;
+        let added = self.starts(gpu)?;
         let mut stage = gpu.stage("points_merge");
         stage.clear(&added);
-        let keys = &new.points.keys;
-        let bindings = [("work", keys.into()), ("keys", keys.into()), ("starts", (&added).into())];
-        let params = PointsParams { all: 1, ..self.params(new.points.count) };
+        let bindings = [
+            ("work", (&new.slots).into()),
+            ("keys", (&new.keys).into()),
+            ("starts", (&added).into()),
+        ];
+        let params = PointsParams { all: 1, ..self.params(new.count) };
         stage.dispatch(&self.tally, params.count.into(), &bindings, &params)?;
         Scanner::new(gpu, begins)?.record(&mut stage, &added, begins)?;
-        let keys = words("points keys", count)?;
-        let points = Sorted::new(gpu, [keys, starts.clone()], &self.params(count))?;
-        let [means, mean_histories] = self.means(gpu, count)?;
-        let part = Part { slots: words("points slots", count)?, means, mean_histories, points };
-        for (from, fresh) in [(&before, 0), (new, 1)] {
-            let params = PointsParams { fresh, ..self.params(from.points.count) };
-            let order = words("points order", params.count)?;
-            let bindings = [
-                ("kept", (&kept.list.marks).into()),
-                ("ranks", (&kept.ranks).into()),
-                ("keys", (&from.points.keys).into()),
-                ("starts", starts.into()),
-                ("added", (&added).into()),
-                ("order", (&order).into()),
-            ];
+        let part = Part::new(gpu, kept.list.count + new.count, self.extras())?;
+        let kept = [
+            ("kept", (&kept.list.marks).into()),
+            ("ranks", (&kept.ranks).into()),
+            ("starts", starts.into()),
+            ("added", (&added).into()),
+        ];
+        for (from, fresh) in [(before, 0), (new, 1)] {
+            let params = PointsParams { fresh, ..self.params(from.count) };
+            let order = gpu.buffer::<u32>("points order", from.count as usize)?;
+            let own = [("keys", (&from.keys).into()), ("order", (&order).into())];
+            let bindings = [kept.as_slice(), &own].concat();
             stage.dispatch(&self.merge, params.count.into(), &bindings, &params)?;
-            let bindings = [
-                ("order", (&order).into()),
-                ("seen_keys", (&from.points.keys).into()),
-                ("seen_places", (&from.points.places).into()),
-                ("seen_lights", (&from.points.lights).into()),
-                ("seen_slots", (&from.slots).into()),
-                ("seen_means", (&from.means).into()),
-                ("seen_histories", (&from.mean_histories).into()),
-                ("keys", (&part.points.keys).into()),
-                ("point_places", (&part.points.places).into()),
-                ("point_lights", (&part.points.lights).into()),
-                ("slots", (&part.slots).into()),
-                ("means", (&part.means).into()),
-                ("mean_histories", (&part.mean_histories).into()),
-            ];
+            let mut bindings = [from.seen(), part.bindings()].concat();
+            bindings.push(("order", (&order).into()));
             stage.dispatch(&self.arrange, params.count.into(), &bindings, &params)?;
             stage.dispatch(&self.origins, params.count.into(), &bindings, &params)?;
         }
-        let bindings = [
-            ("kept", (&kept.list.marks).into()),
-            ("ranks", (&kept.ranks).into()),
-            ("added", (&added).into()),
-            ("starts", starts.into()),
-        ];
-        stage.dispatch(&self.shift, begins.into(), &bindings, &self.params)?;
+        stage.dispatch(&self.shift, begins.into(), &kept, &self.params)?;
         stage.finish()?;
         Ok(part)
     }
+}
+
+/// A group finds those means of so many points that there are to be found.
+fn mean_threads(count: u32) -> u64 {
+    u64::from(count.div_ceil(MEAN_BLOCK) * GROUP)
 }

@@ -15,9 +15,8 @@ use photogram::volume::Volume;
 pub struct Snapshot {
     /// (place, state) of event k of photon p, photon by photon.
     pub slots: Vec<[[u32; 4]; 2]>,
-    /// The light field's words: cells in their order, or points in theirs.
+    /// The light field's words: cells in their order, or all points, sorted.
     pub field: Vec<[u32; 8]>,
-    pub has_points: bool,
     pub segments: Vec<Segment>,
     pub pixels: Vec<[u32; 3]>,
     pub counts: Counters,
@@ -32,10 +31,9 @@ pub fn rebuild(gpu: &Gpu, scene: &Scene, volume: &Volume, split: &Split) -> Snap
 
 /// What differs between a frame and a rebuild of the scene from nothing, histories aside.
 pub fn difference(frame: &PhotonFrame, scene: &Scene, volume: &Volume) -> Option<&'static str> {
-    let order = Snapshot::points_in_any_order;
-    let now = order(snapshot(gpu(), frame).without_histories());
+    let now = snapshot(gpu(), frame).without_histories();
     let fresh = rebuild(gpu(), scene, volume, &Split::default()).without_histories();
-    now.difference(&order(fresh))
+    now.difference(&fresh)
 }
 
 /// What the frame holds now.
@@ -50,28 +48,19 @@ pub fn snapshot(gpu: &Gpu, frame: &PhotonFrame) -> Snapshot {
             slots.extend(events.map(|k| [places[k * n + p], states[k * n + p]]));
         }
     }
-    let mut field: Vec<[u32; 8]> = match &frame.field {
-        LightField::Points(points) => {
-            let sorted = points.read(gpu).expect("reads");
-            sorted.into_iter().map(|(a, b)| bytemuck::cast([a, b])).collect()
-        }
+    let field: Vec<[u32; 8]> = match &frame.field {
+        LightField::Points(points) => points.sorted(gpu).expect("reads"),
         LightField::Fluence(fluence) => {
             let [r, g, b] = fluence.read(gpu).expect("reads");
             let cell = |i: usize| bytemuck::cast([r[i], g[i], b[i], 0]);
             (0..r.len()).map(cell).collect()
         }
     };
-    let has_points = matches!(frame.field, LightField::Points(_));
-    if has_points && frame.map.batches.len() > 1 {
-        // Each batch is sorted on its own; together they hold the same points.
-        field.sort_unstable();
-    }
     let segments = frame.segments.read(gpu).expect("reads");
     let image = frame.segments.image(gpu).expect("reads");
     Snapshot {
         slots,
         field,
-        has_points,
         segments,
         pixels: image.rgb.iter().map(|p| p.map(f32::to_bits)).collect(),
         counts: frame.counts(gpu).expect("reads"),
@@ -85,13 +74,6 @@ impl Snapshot {
         }
         for segment in &mut self.segments {
             (segment[4], segment[5]) = (0, 0);
-        }
-        self
-    }
-
-    pub fn points_in_any_order(mut self) -> Self {
-        if self.has_points {
-            self.field.sort_unstable();
         }
         self
     }
