@@ -98,7 +98,7 @@ fn growth(gpu: &Gpu, most: u64) -> anyhow::Result<serde_json::Value> {
     let (mut scene, volume, _) = knuckle()?;
     scene.settings.estimator = Some(Estimator::Points);
     (scene.camera.width, scene.camera.height) = (16, 16);
-    println!("\nphotons   trace ms    sort ms");
+    println!("\nphotons   trace ms  points ms");
     let mut rows = Vec::new();
     for photons in (0..5).rev().map(|i| most >> i) {
         scene.settings.photons = photons;
@@ -108,9 +108,9 @@ fn growth(gpu: &Gpu, most: u64) -> anyhow::Result<serde_json::Value> {
             median(runs.iter().map(|r| ms(&r.report, stage)).collect())
         };
         let trace = time(&|s| s == "trace");
-        let sort = time(&|s| s.starts_with("sort") || s.starts_with("scan"));
-        println!("{photons:>8} {trace:>9.1} {sort:>9.1}");
-        rows.push([photons as f64, trace, sort]);
+        let points = time(&|s| ["points", "list", "scan"].iter().any(|of| s.starts_with(of)));
+        println!("{photons:>8} {trace:>9.1} {points:>9.1}");
+        rows.push([photons as f64, trace, points]);
     }
     let slope = |column: usize| {
         let logs: Vec<_> = rows.iter().map(|r| (r[0].ln(), r[column].ln())).collect();
@@ -121,8 +121,8 @@ fn growth(gpu: &Gpu, most: u64) -> anyhow::Result<serde_json::Value> {
             .fold((0.0, 0.0), |s, p| (s.0 + (p.0 - mx) * (p.1 - my), s.1 + (p.0 - mx).powi(2)));
         num / den
     };
-    println!("slopes: trace {:.2}, sort {:.2}", slope(1), slope(2));
-    Ok(json!({ "rows": rows, "trace_slope": slope(1), "sort_slope": slope(2) }))
+    println!("slopes: trace {:.2}, points {:.2}", slope(1), slope(2));
+    Ok(json!({ "rows": rows, "trace_slope": slope(1), "points_slope": slope(2) }))
 }
 
 fn knuckle() -> anyhow::Result<(Scene, Volume, Image)> {

@@ -1,4 +1,4 @@
-// Which sorted points are still where they were: those keep their order. A thread for each word
+// Which points are still where they were: those keep their order. A thread for each word
 // of marks, the one that the end is in among them.
 
 import package::shared::item::item_index;

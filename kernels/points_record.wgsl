@@ -30,6 +30,24 @@ fn light_of(point: u32) -> vec4<f32> {
     return vec4<f32>(light, material.a);
 }
 
+fn record(point: u32, is_kept: bool) {
+    // Those of other batches are not looked at: this wraps where they come before.
+    if slots[point] - params.first_slot >= params.slots { return; }
+    var light = vec4<f32>(0.0);
+    if is_kept { light = light_of(point); }
+    let seen = point_lights[point];
+    let differs = any(bitcast<vec4<u32>>(seen) != bitcast<vec4<u32>>(light));
+    let bit = 1u << (point % 32u);
+    if differs && any(max(seen.rgb, light.rgb) > vec3<f32>(0.0)) {
+        atomicOr(&changed[point / 32u], bit);
+    } else {
+        atomicAnd(&changed[point / 32u], ~bit);
+    }
+    if !differs { return; }
+    seen_lights[point] = seen;
+    point_lights[point] = light;
+}
+
 @compute @workgroup_size(GROUP)
 fn main(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -37,31 +55,25 @@ fn main(
     @builtin(local_invocation_index) local: u32,
 ) {
     let i = item_index(group, groups, local);
-    if i >= params.count { return; }
-    let is_fresh = params.fresh == 1u;
-    let point = select(i, params.first + i, is_fresh);
-    let word = point / 32u;
-    let bit = 1u << (point % 32u);
-    let is_kept = is_fresh || params.all == 1u || extractBits(kept[word], point % 32u, 1u) == 1u;
-    // A mean that changed has marked its point.
-    let may_stay = !is_fresh && params.stay == 1u && is_kept;
-    if may_stay && (atomicLoad(&changed[word]) & bit) == 0u { return; }
-    // Those of other batches are not looked at: this wraps where they come before.
-    if slots[point] - params.first_slot >= params.slots { return; }
-    var light = vec4<f32>(0.0);
-    if is_kept { light = light_of(point); }
-    if is_fresh {
-        point_lights[point] = light;
+    if params.fresh == 1u {
+        let point = params.first + i;
+        if i < params.count { point_lights[point] = light_of(point); }
         return;
     }
-    let seen = point_lights[point];
-    let differs = any(bitcast<vec4<u32>>(seen) != bitcast<vec4<u32>>(light));
-    if differs && any(max(seen.rgb, light.rgb) > vec3<f32>(0.0)) {
-        atomicOr(&changed[word], bit);
-    } else {
-        atomicAnd(&changed[word], ~bit);
+    // A thread for each point; or for each word of them, where most may stay as they are. A mean
+    // that changed has marked its point.
+    let begin = select(i, 32u * i, params.stay == 1u);
+    if begin >= params.count { return; }
+    let word = begin / 32u;
+    let staying = select(kept[word], 0xffffffffu, params.all == 1u);
+    var open = 1u << (begin % 32u);
+    if params.stay == 1u {
+        let beyond = max(begin + 32u, params.count) - params.count;
+        open = (0xffffffffu >> beyond) & (atomicLoad(&changed[word]) | ~staying);
     }
-    if !differs { return; }
-    seen_lights[point] = seen;
-    point_lights[point] = light;
+    while open != 0u {
+        let at = firstTrailingBit(open);
+        open &= open - 1u;
+        record(32u * word + at, extractBits(staying, at, 1u) == 1u);
+    }
 }

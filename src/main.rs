@@ -117,7 +117,7 @@ enum What {
     Overhead,
     /// Kinds of bins of histories
     Bins,
-    /// Points sorted anew or merged, over how many moved
+    /// Points taken anew or merged, over how many moved
     Merging,
 }
 

@@ -68,7 +68,7 @@ pub struct Split {
     pub table_slots: Option<u32>,
     /// Whether updates take all points anew, and do not merge those that moved with the others;
     /// `None`: where that was measured to be faster.
-    pub sort: Option<bool>,
+    pub anew: Option<bool>,
     /// Shuffles the work lists with this seed, to show that order does not matter.
     pub shuffle: Option<u64>,
 }

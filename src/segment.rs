@@ -57,7 +57,7 @@ shared_struct! {
         pub scale: f32,
         /// 1 where sums begin at zero.
         pub begins: u32,
-        /// First of the sorted points that a dispatch gathers.
+        /// First of the points that a dispatch gathers.
         pub points_begin: u32,
         /// The point before which it stops.
         pub points_end: u32,
@@ -121,7 +121,7 @@ pub type Segment = [u32; 8];
 
 /// The light field that segments read.
 pub enum LightField {
-    /// Sorted photons.
+    /// Photons in the buckets of a grid.
     Points(Box<Points>),
     /// The fluence grid.
     Fluence(Box<Fluence>),

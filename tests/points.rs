@@ -79,8 +79,8 @@ fn tables_have_all_interactions_in_the_buckets_of_a_sort() {
         ("plain", plain, 1),
         ("batches", Split { batch_photons: Some(200), ..plain }, 1),
         ("tables", Split { batch_photons: Some(200), table_slots: Some(2500), ..plain }, 3),
-        ("merged", Split { sort: Some(false), ..plain }, 1),
-        ("anew", Split { sort: Some(true), ..plain }, 1),
+        ("merged", Split { anew: Some(false), ..plain }, 1),
+        ("anew", Split { anew: Some(true), ..plain }, 1),
     ];
     for weighting in [Weighting::Plain, Weighting::Even] {
         for (how, split, tables) in splits {

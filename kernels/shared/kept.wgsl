@@ -1,4 +1,4 @@
-// Which sorted points are kept: a bit each, and how many are kept before each word of them.
+// Which points are kept: a bit each, and how many are kept before each word of them.
 
 @group(0) @binding(17) var<storage, read> kept: array<u32>;
 @group(0) @binding(18) var<storage, read> ranks: array<u32>;

@@ -20,7 +20,7 @@ struct SegmentParams {
     ray: u32,               // which of them; one stratum is the pixel's centre
     scale: f32,             // of integer sums
     begins: u32,            // 1: sums begin at zero
-    points_begin: u32,      // the part of the sorted points that this dispatch gathers
+    points_begin: u32,      // the part of the points that this dispatch gathers
     points_end: u32,
     which: u32,             // segments that are listed: LIST_READ, LIST_LIT
     query: vec2<u32>,       // bins of the entries that an edit changed

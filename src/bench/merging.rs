@@ -1,4 +1,4 @@
-//! From where on sorting all points anew is faster than merging those that moved with the
+//! From where on taking all points anew is faster than merging those that moved with the
 //! others: edits of growing size, each as either.
 
 use serde_json::json;
@@ -31,7 +31,7 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
         "factor",
         "points",
         "moved %",
-        "sorted ms",
+        "anew ms",
         "merged ms",
     ];
     let mut sheet = Sheet::new("merging", &columns);
@@ -57,18 +57,18 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
                 let after = thinned(&scene, count, factor);
                 let (mut ms, mut moved) = ([const { Vec::new() }; 2], 0.0);
                 for run in 0..=effort.runs {
-                    for sort in [true, false] {
-                        let (share, took) = update(gpu, &mut frame, &after, sort)?;
+                    for anew in [true, false] {
+                        let (share, took) = update(gpu, &mut frame, &after, anew)?;
                         update(gpu, &mut frame, &scene, false)?;
                         // A driver may compile a kernel when it first runs.
                         if run > 0 {
-                            ms[usize::from(!sort)].push(took);
+                            ms[usize::from(!anew)].push(took);
                         }
                         moved = share;
                     }
                 }
-                let [sorted, merged] = ms.map(median);
-                points.push((100.0 * moved, merged / sorted));
+                let [anew, merged] = ms.map(median);
+                points.push((100.0 * moved, merged / anew));
                 let round = |x: f64| json!((x * 1e3).round() / 1e3);
                 sheet.rows.push(vec![
                     json!(name),
@@ -77,7 +77,7 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
                     json!(factor),
                     json!(held(&frame)[0]),
                     round(100.0 * moved),
-                    round(sorted),
+                    round(anew),
                     round(merged),
                 ]);
             }
@@ -88,8 +88,8 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
     }
     report.charts.push(Chart {
         name: "merging".to_owned(),
-        title: "Points merged against sorted anew".to_owned(),
-        axes: ["points that moved, %".to_owned(), "time merged / sorted".to_owned()],
+        title: "Points merged against taken anew".to_owned(),
+        axes: ["points that moved, %".to_owned(), "time merged / anew".to_owned()],
         log_x: false,
         series,
     });
@@ -117,8 +117,8 @@ fn held(frame: &PhotonFrame) -> [u64; 2] {
 }
 
 /// The share of the points that moved, and the time that the light field took, ms.
-fn update(gpu: &Gpu, frame: &mut PhotonFrame, scene: &Scene, sort: bool) -> Result<(f64, f64)> {
-    let split = Split { sort: Some(sort), ..Split::default() };
+fn update(gpu: &Gpu, frame: &mut PhotonFrame, scene: &Scene, anew: bool) -> Result<(f64, f64)> {
+    let split = Split { anew: Some(anew), ..Split::default() };
     frame.edit(gpu, scene, &split)?;
     let updated = frame.update(gpu, &split, &mut Progress::silent())?;
     let [all, moved] = held(frame);

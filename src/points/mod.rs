@@ -238,7 +238,7 @@ impl Points {
                 false => table,
             };
             self.tables.push(now);
-            progress.at("sort", i as u64 + 1, total);
+            progress.at("points", i as u64 + 1, total);
         }
         map.batches.iter_mut().try_for_each(|batch| batch.settle(gpu))?;
         self.unsettled |= !self.moved.is_empty();

@@ -61,8 +61,7 @@ impl Points {
         let lists = entering.iter_mut().map(|of| &mut of.list).chain([&mut kept.list]);
         WorkList::learn(gpu, &mut lists.collect::<Vec<_>>())?;
         let (new, stay) = (count(&entering), kept.list.count);
-        let wanted = || split.sort.unwrap_or_else(|| self.is_sorting_cheaper(new, stay));
-        if !is_first && wanted() {
+        if !is_first && split.anew.unwrap_or(is_anew_cheaper(new, stay)) {
             self.moved.push(Moved::gone(&table.part));
             table = Table { members: table.members, ..self.empty(gpu)? };
             table.members.iter_mut().for_each(|member| member.entered = false);
@@ -80,19 +79,6 @@ impl Points {
         table.members.retain(|member| member.batch(map).is_some());
         table.members.iter_mut().for_each(|member| member.entered = true);
         Ok(Table { part, ..table })
-    }
-
-    /// Whether to take all points anew rather than those that moved, and merge them with those
-    /// that are kept. Merging was measured to pay until 60 % moved; until 80 % where means are
-    /// known, which are forgotten otherwise; where extinction changed, until 10 % if it changed
-    /// around all points, and 80 % if around few: half is between.
-    fn is_sorting_cheaper(&self, moved: u32, kept: u32) -> bool {
-        let share = match (self.even, self.params.changed == [0, 0]) {
-            (false, _) => 0.6,
-            (true, true) => 0.8,
-            (true, false) => 0.5,
-        };
-        f64::from(moved) > share * (f64::from(moved) + f64::from(kept))
     }
 
     /// Finds the points of a table that are where they were; how many is to be learned yet.
@@ -223,7 +209,8 @@ impl Points {
             let is_repowered = batch.is_some_and(|batch| batch.any_repowered);
             let stay = if is_repowered { 0 } else { params.stay };
             let params = member.within(PointsParams { stay, ..params });
-            stage.dispatch(&self.record, count.into(), &own, &params)?;
+            let threads = if stay == 1 { count.div_ceil(32) } else { count };
+            stage.dispatch(&self.record, threads.into(), &own, &params)?;
         }
         stage.finish()?;
         Ok(Moved::some(part, &seen, changed))
@@ -266,6 +253,12 @@ impl Points {
         stage.finish()?;
         Ok(part)
     }
+}
+
+/// Whether to take all points anew rather than those that moved, and merge them with those that
+/// are kept: merging was measured to pay until 80 % moved.
+fn is_anew_cheaper(moved: u32, kept: u32) -> bool {
+    f64::from(moved) > 0.8 * (f64::from(moved) + f64::from(kept))
 }
 
 /// A group finds those means of so many points that there are to be found.
