@@ -1,4 +1,4 @@
-//! Speed on the adapter at hand: time of each stage, how tracing and sorting grow with
+//! Speed on the adapter at hand: time of each stage, how tracing and points grow with
 //! the photons, and the time to an error of 0.02 on `knuckle` for the three estimators.
 //!
 //! Also the time to that error after an edit: the update of a frame, not a render.

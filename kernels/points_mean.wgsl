@@ -3,6 +3,7 @@
 // read no value whose extinction changed; one that is not needs none.
 
 import package::shared::item::group_index;
+import package::shared::kept::is_kept;
 import package::shared::points::PointsParams;
 import package::shared::scene::{frame, optics, entry_at, bin_of, bin_bit};
 import package::constants::{GROUP, MEAN_BLOCK};
@@ -11,7 +12,6 @@ import package::constants::{GROUP, MEAN_BLOCK};
 @group(0) @binding(11) var<storage, read> point_places: array<vec4<u32>>;
 @group(0) @binding(12) var<storage, read_write> means: array<f32>;
 @if(history) @group(0) @binding(13) var<storage, read_write> mean_histories: array<vec2<u32>>;
-@group(0) @binding(15) var<storage, read> kept: array<u32>;
 // Points whose mean changed are marked here, where others need not be looked at.
 @group(0) @binding(16) var<storage, read_write> changed: array<atomic<u32>>;
 
@@ -41,9 +41,9 @@ fn main(
 fn is_needed(point: u32) -> bool {
     if point >= params.count { return false; }
     if params.fresh == 1u { return true; }
-    let is_kept = params.all == 1u || extractBits(kept[point / 32u], point % 32u, 1u) == 1u;
-    @if(history) return is_kept && any((mean_histories[point] & params.changed) != vec2<u32>(0u));
-    @if(!history) return is_kept;
+    let stays = params.all == 1u || is_kept(point);
+    @if(history) return stays && any((mean_histories[point] & params.changed) != vec2<u32>(0u));
+    @if(!history) return stays;
 }
 
 fn find_mean(point: u32) {

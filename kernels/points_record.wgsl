@@ -35,6 +35,10 @@ fn record(point: u32, is_kept: bool) {
     if slots[point] - params.first_slot >= params.slots { return; }
     var light = vec4<f32>(0.0);
     if is_kept { light = light_of(point); }
+    if params.fresh == 1u {
+        point_lights[point] = light;
+        return;
+    }
     let seen = point_lights[point];
     let differs = any(bitcast<vec4<u32>>(seen) != bitcast<vec4<u32>>(light));
     let bit = 1u << (point % 32u);
@@ -54,20 +58,18 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let i = item_index(group, groups, local);
-    if params.fresh == 1u {
-        let point = params.first + i;
-        if i < params.count { point_lights[point] = light_of(point); }
-        return;
-    }
     // A thread for each point; or for each word of them, where most may stay as they are. A mean
     // that changed has marked its point.
-    let begin = select(i, 32u * i, params.stay == 1u);
-    if begin >= params.count { return; }
+    let is_fresh = params.fresh == 1u;
+    let may_stay = !is_fresh && params.stay == 1u;
+    let i = item_index(group, groups, local) * select(1u, 32u, may_stay);
+    if i >= params.count { return; }
+    let begin = params.first + i;
     let word = begin / 32u;
-    let staying = select(kept[word], 0xffffffffu, params.all == 1u);
+    var staying = 0xffffffffu;
+    if !is_fresh && params.all == 0u { staying = kept[word]; }
     var open = 1u << (begin % 32u);
-    if params.stay == 1u {
+    if may_stay {
         let beyond = max(begin + 32u, params.count) - params.count;
         open = (0xffffffffu >> beyond) & (atomicLoad(&changed[word]) | ~staying);
     }

@@ -183,7 +183,7 @@ fn a_shadow_goes_with_what_cast_it() {
     }
 }
 
-/// A radius so small that several cells of the hash share a bucket.
+/// A radius so small that several cells of the grid share a bucket.
 #[test]
 fn buckets_of_several_cells_are_exact() {
     let (mut scene, volume) = world(Estimator::Points, Weighting::Plain, Filter::Linear);

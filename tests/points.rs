@@ -4,27 +4,48 @@ mod common;
 
 use common::gpu;
 use common::world::{frame, update, world};
+use photogram::measure::compare;
 use photogram::points::Contents;
 use photogram::render::Split;
-use photogram::scene::{Estimator, Filter, Weighting};
+use photogram::scene::{Estimator, Filter, Scene, Weighting};
 use photogram::segment::LightField;
-use photogram::update::PhotonFrame;
+use photogram::update::{PhotonFrame, Scope};
 
-/// Gather radius, mm: that of a test's scene.
-const RADIUS: f32 = 7.5;
+/// Gather radius, mm, of scenes whose cells are a bucket each; and of a scene that has more cells
+/// than buckets.
+const RADII: [f32; 2] = [7.5, 0.25];
+/// Buckets, at most.
+const MOST: u32 = 1 << 22;
 
-/// Cells along each axis.
-fn grid(frame: &PhotonFrame) -> [u32; 3] {
-    frame.scene.frame.extent.map(|e| (e / RADIUS).ceil() as u32)
+/// Cells of this edge along each axis.
+struct Grid {
+    radius: f32,
+    cells: [u32; 3],
+    /// In a bucket.
+    each: u32,
 }
 
-/// The bucket of a point; there are few cells, and each is one.
-fn bucket(place: &[u32; 4], grid: [u32; 3]) -> u32 {
-    let at = |axis: usize| {
-        let cell = (f32::from_bits(place[axis]) / RADIUS).floor() as u32;
-        cell.min(grid[axis] - 1)
-    };
-    (at(2) * grid[1] + at(1)) * grid[0] + at(0)
+impl Grid {
+    fn of(frame: &PhotonFrame) -> Self {
+        let LightField::Points(points) = &frame.field else { panic!("asked for points") };
+        let radius = points.radius;
+        let cells = frame.scene.frame.extent.map(|e| (e / radius).ceil() as u32);
+        let each = cells.iter().product::<u32>().div_ceil(MOST).next_power_of_two();
+        Self { radius, cells, each }
+    }
+
+    fn buckets(&self) -> usize {
+        self.cells.iter().product::<u32>().div_ceil(self.each) as usize
+    }
+
+    /// The bucket of a point.
+    fn bucket(&self, place: &[u32; 4]) -> u32 {
+        let at = |axis: usize| {
+            let cell = (f32::from_bits(place[axis]) / self.radius).floor() as u32;
+            cell.min(self.cells[axis] - 1)
+        };
+        ((at(2) * self.cells[1] + at(1)) * self.cells[0] + at(0)) / self.each
+    }
 }
 
 /// Where the interactions of all photons are.
@@ -39,21 +60,21 @@ fn interactions(frame: &PhotonFrame) -> Vec<[u32; 4]> {
 }
 
 /// What is wrong with the tables, if anything is.
-fn fault(tables: &[Contents], expected: &[[u32; 4]], grid: [u32; 3]) -> Option<&'static str> {
+fn fault(tables: &[Contents], expected: &[[u32; 4]], grid: &Grid) -> Option<&'static str> {
     let mut found = Vec::new();
     for Contents { places, lights, starts } in tables {
-        if starts.len() != grid.iter().product::<u32>() as usize + 1 {
+        if starts.len() != grid.buckets() + 1 {
             return Some("another number of buckets");
         }
         if lights.len() != places.len() || starts[starts.len() - 1] as usize != places.len() {
             return Some("points beyond the last bucket");
         }
         let mut sorted = places.clone();
-        radsort::sort_by_key(&mut sorted, |place| bucket(place, grid));
-        if places.iter().zip(&sorted).any(|(a, b)| bucket(a, grid) != bucket(b, grid)) {
+        radsort::sort_by_key(&mut sorted, |place| grid.bucket(place));
+        if places.iter().zip(&sorted).any(|(a, b)| grid.bucket(a) != grid.bucket(b)) {
             return Some("a point in another bucket's place");
         }
-        let begin = |of: u32| sorted.partition_point(|place| bucket(place, grid) < of) as u32;
+        let begin = |of: u32| sorted.partition_point(|place| grid.bucket(place) < of) as u32;
         if (0..).zip(starts).any(|(of, &start)| begin(of) != start) {
             return Some("a bucket that begins elsewhere");
         }
@@ -68,62 +89,91 @@ fn fault(tables: &[Contents], expected: &[[u32; 4]], grid: [u32; 3]) -> Option<&
 fn check(frame: &PhotonFrame, what: &str) {
     let LightField::Points(points) = &frame.field else { panic!("asked for points") };
     let tables = points.read(gpu()).expect("reads");
-    assert_eq!(fault(&tables, &interactions(frame), grid(frame)), None, "{what}");
+    assert_eq!(fault(&tables, &interactions(frame), &Grid::of(frame)), None, "{what}");
     assert!(points.count() > 100, "{what}: few points");
 }
 
 #[test]
 fn tables_have_all_interactions_in_the_buckets_of_a_sort() {
     let plain = Split::default();
+    let [radius, least] = RADII;
     let splits = [
-        ("plain", plain, 1),
-        ("batches", Split { batch_photons: Some(200), ..plain }, 1),
-        ("tables", Split { batch_photons: Some(200), table_slots: Some(2500), ..plain }, 3),
-        ("merged", Split { anew: Some(false), ..plain }, 1),
-        ("anew", Split { anew: Some(true), ..plain }, 1),
+        ("plain", radius, plain, 1),
+        ("batches", radius, Split { batch_photons: Some(200), ..plain }, 1),
+        ("tables", radius, Split { batch_photons: Some(200), table_slots: Some(2500), ..plain }, 3),
+        ("a table for each", radius, Split { table_slots: Some(1), ..plain }, 2),
+        ("merged", radius, Split { anew: Some(false), ..plain }, 1),
+        ("anew", radius, Split { anew: Some(true), ..plain }, 1),
+        ("many cells", least, plain, 1),
     ];
     for weighting in [Weighting::Plain, Weighting::Even] {
-        for (how, split, tables) in splits {
+        for (how, radius, split, tables) in splits {
             let (mut scene, volume) = world(Estimator::Points, weighting, Filter::Linear);
-            scene.settings.radius = Some(RADIUS.into());
+            scene.settings.radius = Some(radius.into());
             let mut frame = frame(&scene, &volume, &split);
             check(&frame, how);
+            assert_eq!(Grid::of(&frame).each > 1, radius == least, "{how}");
             let LightField::Points(points) = &frame.field else { panic!("asked for points") };
             assert_eq!(points.tables(), tables, "{how}");
             let home = scene.clone();
+            let mut edit = |scene: &Scene, what: &str| {
+                let (scope, _) = update(&mut frame, scene, &split);
+                check(&frame, &format!("{how}: {what}"));
+                scope
+            };
             scene.materials[1].extinction = 0.9;
-            update(&mut frame, &scene, &split);
-            check(&frame, &format!("{how}: other extinction"));
-            let lamp = scene.lights.remove(0);
-            update(&mut frame, &scene, &split);
-            check(&frame, &format!("{how}: a light that is gone"));
-            scene.lights.push(lamp);
-            update(&mut frame, &scene, &split);
-            check(&frame, &format!("{how}: a light that came"));
-            update(&mut frame, &home, &split);
-            check(&frame, &format!("{how}: as it was"));
+            edit(&scene, "other extinction");
+            // The sky has the fewer photons: the lamp's stay.
+            let mut sky = scene.lights.remove(1);
+            assert_eq!(edit(&scene, "a light that is gone"), Scope::Part);
+            scene.lights.push(sky.clone());
+            assert_eq!(edit(&scene, "a light that came"), Scope::Part);
+            sky.share = 0.3;
+            scene.lights[1] = sky;
+            assert_eq!(edit(&scene, "a light of fewer photons"), Scope::Part);
+            scene.lights.remove(0);
+            edit(&scene, "most photons gone");
+            edit(&home, "as it was");
         }
     }
+}
+
+/// What differs between tables is counted, in whatever order their points are.
+#[test]
+fn points_that_differ_are_counted() {
+    let (scene, volume) = world(Estimator::Points, Weighting::Plain, Filter::Linear);
+    let [one, again] = [(); 2].map(|()| frame(&scene, &volume, &Split::default()));
+    assert_eq!(compare(gpu(), &one, &again).expect("reads").field_mismatches, 0);
+    let LightField::Points(points) = &one.field else { panic!("asked for points") };
+    let all = points.sorted(gpu()).expect("reads");
+    let mut brighter = scene.clone();
+    brighter.materials[1].colour *= 0.5;
+    let brighter = frame(&brighter, &volume, &Split::default());
+    let LightField::Points(points) = &brighter.field else { panic!("asked for points") };
+    let others = points.sorted(gpu()).expect("reads");
+    let differ = all.iter().filter(|point| !others.contains(point)).count() as u64;
+    assert!(differ > 0 && differ < all.len() as u64);
+    assert_eq!(compare(gpu(), &one, &brighter).expect("reads").field_mismatches, differ);
 }
 
 /// The check can fail.
 #[test]
 fn a_point_or_a_bucket_elsewhere_is_seen() {
     let (mut scene, volume) = world(Estimator::Points, Weighting::Even, Filter::Linear);
-    scene.settings.radius = Some(RADIUS.into());
+    scene.settings.radius = Some(RADII[0].into());
     let frame = frame(&scene, &volume, &Split::default());
     let LightField::Points(points) = &frame.field else { panic!("asked for points") };
-    let (expected, grid) = (interactions(&frame), grid(&frame));
+    let (expected, grid) = (interactions(&frame), Grid::of(&frame));
     let read = || points.read(gpu()).expect("reads");
     let mut swapped = read();
     let last = swapped[0].places.len() - 1;
     swapped[0].places.swap(0, last);
-    assert_eq!(fault(&swapped, &expected, grid), Some("a point in another bucket's place"));
+    assert_eq!(fault(&swapped, &expected, &grid), Some("a point in another bucket's place"));
     let mut shifted = read();
     let at = shifted[0].starts.iter().position(|&start| start > 0).expect("some begin later");
     shifted[0].starts[at] -= 1;
-    assert_eq!(fault(&shifted, &expected, grid), Some("a bucket that begins elsewhere"));
+    assert_eq!(fault(&shifted, &expected, &grid), Some("a bucket that begins elsewhere"));
     let mut other = read();
     other[0].places[0][3] ^= 1;
-    assert_eq!(fault(&other, &expected, grid), Some("other points"));
+    assert_eq!(fault(&other, &expected, &grid), Some("other points"));
 }

@@ -13,7 +13,7 @@ use crate::scene::{Estimator, Scene, Weighting};
 use crate::segment::LightField;
 use crate::update::PhotonFrame;
 
-/// Scenes of one light, whose points are one batch.
+/// Scenes of one light.
 const SCENES: [&str; 2] = ["hand", "engine"];
 /// What the first materials' extinctions are multiplied by.
 const FACTORS: [f64; 3] = [0.9, 0.5, 0.1];

@@ -229,7 +229,8 @@ impl Points {
         self.params.changed = words(query.mask(extinction, &scene.bins));
         self.params.stay = (!weights).into();
         self.moved.clear();
-        let most = split.table_slots.unwrap_or_else(|| (gpu.max_binding() / 16) as u32);
+        let fit = (gpu.max_binding() / 16).min(u32::MAX.into()) as u32;
+        let most = split.table_slots.unwrap_or(fit);
         let tables = self.with_all(gpu, map, most)?;
         let total = tables.len() as u64;
         for (i, table) in tables.into_iter().enumerate() {
@@ -284,6 +285,11 @@ impl Points {
 
     fn params(&self, count: u32) -> PointsParams {
         PointsParams { count, ..self.params }
+    }
+
+    /// Nobody asks what the last build changed.
+    pub fn ignore(&mut self) {
+        self.moved.clear();
     }
 
     /// All segments were computed from what there is.

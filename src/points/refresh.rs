@@ -119,7 +119,7 @@ impl Points {
         let present = table.members.iter().filter_map(|m| Some((m, m.batch(map)?)));
         let some = present.filter(|(member, _)| member.moves(map));
         some.map(|(member, batch)| {
-            let slots = member.slots.end - member.slots.start;
+            let slots = member.slots.len() as u32;
             let list = WorkList::new(gpu, slots)?;
             let bindings = [
                 ("states", (&batch.states).into()),
@@ -247,7 +247,10 @@ impl Points {
             let mut bindings = [from.seen(), part.bindings()].concat();
             bindings.push(("order", (&order).into()));
             stage.dispatch(&self.arrange, params.count.into(), &bindings, &params)?;
-            stage.dispatch(&self.origins, params.count.into(), &bindings, &params)?;
+            // Without histories no update is to come.
+            if self.history {
+                stage.dispatch(&self.origins, params.count.into(), &bindings, &params)?;
+            }
         }
         stage.dispatch(&self.shift, begins.into(), &kept, &self.params)?;
         stage.finish()?;

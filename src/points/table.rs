@@ -80,9 +80,13 @@ pub(super) fn run(count: u32, [places, lights, starts, field]: [&wgpu::Buffer; 4
     Run { bindings, points: count }
 }
 
+/// Light and first photon.
+fn key(batch: &Batch) -> (u32, u32) {
+    (batch.light_id, batch.first_index)
+}
+
 /// A photon batch whose points a table has.
 pub(super) struct Member {
-    /// Light and first photon of the batch.
     key: (u32, u32),
     photons: u32,
     /// Its slots, empty ones included, among those of the table; they begin with a word of marks.
@@ -93,7 +97,7 @@ pub(super) struct Member {
 
 impl Member {
     fn is(&self, batch: &Batch) -> bool {
-        self.key == (batch.light_id, batch.first_index) && self.photons == batch.photons
+        (self.key, self.photons) == (key(batch), batch.photons)
     }
 
     /// Its batch, unless that is gone.
@@ -108,8 +112,7 @@ impl Member {
 
     /// Where its slots are, for kernels.
     pub fn within(&self, params: PointsParams) -> PointsParams {
-        let Range { start, end } = self.slots;
-        PointsParams { first_slot: start, slots: end - start, ..params }
+        PointsParams { first_slot: self.slots.start, slots: self.slots.len() as u32, ..params }
     }
 }
 
@@ -150,10 +153,9 @@ impl Table {
         }
         let fits = begin.checked_add(slots).is_some_and(|end| end <= most);
         if fits {
-            let key = (batch.light_id, batch.first_index);
             let slots = begin..begin + slots;
-            let member = Member { key, photons: batch.photons, slots, entered: false };
-            self.members.insert(at, member);
+            let (key, photons) = (key(batch), batch.photons);
+            self.members.insert(at, Member { key, photons, slots, entered: false });
         }
         fits
     }

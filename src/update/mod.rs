@@ -347,9 +347,11 @@ impl PhotonFrame {
                 }
                 points.build(gpu, &self.scene, &mut self.map, (&self.query, split), progress)?;
                 if self.fresh {
+                    points.ignore();
                     return Ok(points.count());
                 }
                 if self.source.settings.spatial == Spatial::Off {
+                    points.ignore();
                     return Ok(0);
                 }
                 points.compare(gpu, &self.dirty, &self.counters)
