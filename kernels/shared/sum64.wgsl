@@ -9,8 +9,10 @@ struct Rounded {
 
 const LARGEST: f32 = 4294967040.0;  // the greatest f32 below 2^32
 
+// To the nearest integer, without an addition: a contribution is a product, and a compiler may
+// contract product and sum in one place where a kernel asks for it, and not in another.
 fn rounded(contribution: f32) -> Rounded {
-    return Rounded(u32(clamp(contribution + 0.5, 0.0, LARGEST)), !(contribution < LARGEST));
+    return Rounded(u32(clamp(round(contribution), 0.0, LARGEST)), !(contribution < LARGEST));
 }
 
 fn added(sum: vec2<u32>, value: u32) -> vec2<u32> {
