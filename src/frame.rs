@@ -1,16 +1,19 @@
 //! The scene on the device: volume, transfer function, macro-cells, lights.
 
+use std::sync::Arc;
+
 use glam::DAffine3;
 
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
+use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
 use crate::gpu::run::Bindings;
 use crate::light::{Lights, hash};
 use crate::query::Query;
 use crate::scene::{Filter, Scene};
 use crate::transfer::{Bins, TABLE_ENTRIES, Table};
-use crate::volume::cells::{CELL_EDGE, MacroCells};
+use crate::volume::cells::{CELL_EDGE, MacroCells, spans};
 use crate::volume::{Volume, Voxels};
 
 /// Layers of a flight's marks: octaves below the majorant.
@@ -64,6 +67,18 @@ shared_struct! {
 }
 
 shared_struct! {
+    /// What a macro-cell can have, whatever the materials.
+    pub struct CellRange {
+        /// Least table entry.
+        pub low: u32,
+        /// Greatest.
+        pub high: u32,
+        /// History bits of all of them, with marks of the first layer.
+        pub values: [u32; 2],
+    }
+}
+
+shared_struct! {
     /// Layers of marks in a macro-cell (see `kernels/shared/flight.wgsl`).
     pub struct CellLayers {
         /// The first that can be real; [`LAYERS`] where none can.
@@ -89,8 +104,6 @@ pub struct DeviceScene {
     pub lights: Lights,
     /// What blocks of voxels can look like.
     pub cells: MacroCells,
-    /// The history bits of all values that each of them can produce.
-    cell_values: Vec<u64>,
     /// Layers that edits in progress have opened, by table entry.
     opened: Vec<u8>,
     range: [f64; 2],
@@ -105,7 +118,10 @@ pub struct DeviceScene {
     scattering: wgpu::Buffer,
     emission: wgpu::Buffer,
     cell_masks: wgpu::Buffer,
+    cell_ranges: wgpu::Buffer,
     cell_layers: wgpu::Buffer,
+    spans: wgpu::Buffer,
+    find_layers: Arc<Kernel>,
     lights_buffer: wgpu::Buffer,
 }
 
@@ -151,15 +167,24 @@ impl DeviceScene {
         let query = Query::default();
         let columns = Columns::of(&table, &bins, &query);
         let cell_values = cells.fold(|e| bins.tentative_bit(e, 0), |a, b| a | b);
-        let layers = layers((&table, &bins, &query), (&cells, &cell_values), frame.majorant);
+        let ranges = cells.entries.iter().zip(cell_values);
+        let range = |(&[low, high], values): (&[u16; 2], u64)| CellRange {
+            low: low.into(),
+            high: high.into(),
+            values: words(values),
+        };
+        let ranges = ranges.map(range).collect::<Vec<_>>();
         let (volume_view, volume_bytes) = upload_volume(gpu, volume)?;
-        Ok(Self {
+        let device = Self {
             frame_buffer: gpu.upload("frame", &[frame])?,
             optics: gpu.upload("optics", &columns.optics)?,
             scattering: gpu.upload("scattering", &columns.scattering)?,
             emission: gpu.upload("emission", &columns.emission)?,
             cell_masks: gpu.upload("cell masks", &cells.masks(&bins))?,
-            cell_layers: gpu.upload("cell layers", &layers)?,
+            cell_layers: gpu.buffer::<CellLayers>("cell layers", ranges.len())?,
+            cell_ranges: gpu.upload("cell ranges", &ranges)?,
+            spans: gpu.upload("layers", &layers_of_spans(&table, &query, frame.majorant))?,
+            find_layers: gpu.kernel("layers", &[])?,
             lights_buffer: gpu.upload("lights", &[lights])?,
             volume: volume_view,
             volume_bytes,
@@ -174,9 +199,23 @@ impl DeviceScene {
             bins,
             lights,
             cells,
-            cell_values,
             opened: query.opened,
-        })
+        };
+        device.find_layers(gpu)?;
+        Ok(device)
+    }
+
+    /// Finds the layers of marks in each macro-cell.
+    fn find_layers(&self, gpu: &Gpu) -> Result<()> {
+        let bindings: Bindings = vec![
+            ("frame", (&self.frame_buffer).into()),
+            ("cell_ranges", (&self.cell_ranges).into()),
+            ("spans", (&self.spans).into()),
+            ("layers", (&self.cell_layers).into()),
+        ];
+        let mut stage = gpu.stage("layers");
+        stage.dispatch(&self.find_layers, self.cells.entries.len() as u64, &bindings, &())?;
+        stage.finish()
     }
 
     /// The table of an edited scene, over the same values.
@@ -186,13 +225,15 @@ impl DeviceScene {
 
     /// Takes another table and other lights. `query` says what that changes, and what
     /// edits before it changed that are not yet applied.
-    pub fn edit(&mut self, gpu: &Gpu, table: Table, lights: Lights, query: &Query) {
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn edit(&mut self, gpu: &Gpu, table: Table, lights: Lights, query: &Query) -> Result<()> {
         self.frame.visible_bins = words(table.opaque_mask(&self.bins));
         let columns = Columns::of(&table, &self.bins, query);
         if (&table.extinction, &query.opened) != (&self.table.extinction, &self.opened) {
-            let cells = (&self.cells, self.cell_values.as_slice());
-            let layers = layers((&table, &self.bins, query), cells, self.frame.majorant);
-            gpu.write(&self.cell_layers, &layers);
+            gpu.write(&self.spans, &layers_of_spans(&table, query, self.frame.majorant));
+            self.find_layers(gpu)?;
             self.opened.clone_from(&query.opened);
         }
         gpu.write(&self.frame_buffer, &[self.frame]);
@@ -201,6 +242,7 @@ impl DeviceScene {
         gpu.write(&self.emission, &columns.emission);
         gpu.write(&self.lights_buffer, &[lights]);
         (self.table, self.lights) = (table, lights);
+        Ok(())
     }
 
     /// Whether kernels compiled for this scene also suit another table.
@@ -241,7 +283,10 @@ impl DeviceScene {
     pub fn bytes(&self) -> Vec<(&'static str, u64)> {
         vec![
             ("volume", self.volume_bytes),
-            ("macro-cells", self.cell_masks.size() + self.cell_layers.size()),
+            (
+                "macro-cells",
+                self.cell_masks.size() + self.cell_ranges.size() + self.cell_layers.size(),
+            ),
         ]
     }
 }
@@ -277,20 +322,16 @@ impl Columns {
     }
 }
 
-/// The layers of marks in each macro-cell.
-fn layers(
-    (table, bins, query): (&Table, &Bins, &Query),
-    (cells, values): (&MacroCells, &[u64]),
-    majorant: f32,
-) -> Vec<CellLayers> {
-    let of = |e: usize| (table.extinction[e], query.opened[e]);
-    let join = |a: (f32, u8), b: (f32, u8)| (a.0.max(b.0), a.1 | b.1);
-    let layers = |((greatest, opened), &values)| {
-        let first = first_layer(greatest, majorant);
-        let skipped = (0..first).fold(0, |mask, layer| mask | bins.with_mark(values, layer));
-        CellLayers { first, opened: u32::from(opened), skipped: words(skipped) }
-    };
-    cells.fold(of, join).into_iter().zip(values).map(layers).collect()
+/// The layers of marks of 2^k neighbouring table entries, for all k (`kernels/layers.wgsl`).
+fn layers_of_spans(table: &Table, query: &Query, majorant: f32) -> Vec<u32> {
+    let of = |e: usize| (first_layer(table.extinction[e], majorant), query.opened[e]);
+    let join = |a: (u32, u8), b: (u32, u8)| (a.0.min(b.0), a.1 | b.1);
+    let mut all = Vec::new();
+    for (k, level) in spans(of, join).into_iter().enumerate() {
+        all.extend(level.into_iter().map(|(first, opened)| first | u32::from(opened) << 8));
+        all.resize((k + 1) * TABLE_ENTRIES, 0);
+    }
+    all
 }
 
 /// The two words that a kernel sees of a history mask.

@@ -114,7 +114,7 @@ pub fn update(
     let begun = (Instant::now(), gpu.waits());
     let scope = frame.edit(gpu, scene, &Split::default())?;
     let updated = frame.update(gpu, &Split::default(), progress)?;
-    Ok((scope, updated, cost(gpu, begun, &updated)?))
+    Ok((scope, updated, cost(gpu, begun)?))
 }
 
 /// Rebuilds a frame, its memory and kernels being there before the clock runs.
@@ -129,7 +129,7 @@ pub fn rebuild(
     gpu.take_timings()?;
     let begun = (Instant::now(), gpu.waits());
     let rebuilt = frame.rebuild(gpu, &Split::default(), progress)?;
-    let cost = cost(gpu, begun, &rebuilt)?;
+    let cost = cost(gpu, begun)?;
     Ok((rebuilt, cost))
 }
 
@@ -142,10 +142,11 @@ pub fn fresh(gpu: &Gpu, scene: &Scene, volume: &Volume) -> Result<PhotonFrame> {
     PhotonFrame::new(gpu, scene, device, 1, &Split::default())
 }
 
-fn cost(gpu: &Gpu, (begun, waits): (Instant, u64), updated: &Updated) -> Result<Cost> {
+fn cost(gpu: &Gpu, (begun, waits): (Instant, u64)) -> Result<Cost> {
     gpu.wait("measure")?;
     let (total, waits) = (milliseconds(begun.elapsed()), gpu.waits() - waits);
-    Ok(Cost { stages: gpu.take_timings()?.rows().to_vec(), total, waits, phases: updated.phases })
+    let phases = Phases::of_last(gpu)?;
+    Ok(Cost { stages: gpu.take_timings()?.rows().to_vec(), total, waits, phases })
 }
 
 /// What differs between two frames of the same scene.

@@ -15,6 +15,7 @@ const LAYOUTS: &[Layout] = &[
     frame::Frame::LAYOUT,
     frame::Optics::LAYOUT,
     frame::CellLayers::LAYOUT,
+    frame::CellRange::LAYOUT,
     light::Light::LAYOUT,
     light::Lights::LAYOUT,
     photon::PhotonParams::LAYOUT,

@@ -11,7 +11,7 @@ use crate::measure;
 use crate::render::{Progress, Split};
 use crate::scene::{Estimator, Scene, Weighting};
 use crate::segment::LightField;
-use crate::update::PhotonFrame;
+use crate::update::{Phases, PhotonFrame};
 
 /// Scenes of one light.
 const SCENES: [&str; 2] = ["hand", "engine"];
@@ -120,7 +120,7 @@ fn held(frame: &PhotonFrame) -> [u64; 2] {
 fn update(gpu: &Gpu, frame: &mut PhotonFrame, scene: &Scene, anew: bool) -> Result<(f64, f64)> {
     let split = Split { anew: Some(anew), ..Split::default() };
     frame.edit(gpu, scene, &split)?;
-    let updated = frame.update(gpu, &split, &mut Progress::silent())?;
+    frame.update(gpu, &split, &mut Progress::silent())?;
     let [all, moved] = held(frame);
-    Ok((moved as f64 / all.max(1) as f64, updated.phases.light_field))
+    Ok((moved as f64 / all.max(1) as f64, Phases::of_last(gpu)?.light_field))
 }

@@ -23,6 +23,7 @@ pub const KERNELS: &[(&str, &[&str])] = &[
     ("scan_blocks", &[]),
     ("scan_sums", &[]),
     ("trace", &["nearest", "float_voxels", "anisotropic", "history", "skip", "listed_bins"]),
+    ("layers", &[]),
     ("photon_query", &[]),
     ("list_sums", &[]),
     ("list_rank", &[]),

@@ -95,7 +95,7 @@ impl PhotonFrame {
             Query::between(&self.scene.table, &table, &self.scene.bins, self.scene.frame.majorant);
         let relit = self.relight(gpu, scene, &lights, split)?;
         self.query.add(&change);
-        self.scene.edit(gpu, table, lights, &self.query);
+        self.scene.edit(gpu, table, lights, &self.query)?;
         let before = std::mem::replace(&mut self.source, scene.clone());
         let repainted = scene.background != before.background;
         self.map.arrange(gpu, &self.scene.lights, &light_ids(scene))?;

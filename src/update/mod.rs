@@ -59,6 +59,21 @@ pub struct Phases {
     pub segments: f64,
 }
 
+impl Phases {
+    /// What the last update took on this device, all work being done.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn of_last(gpu: &Gpu) -> Result<Self> {
+        let took = gpu.phase_ms()?;
+        Ok(Self {
+            photons: took[PHOTONS],
+            light_field: took[LIGHT_FIELD],
+            segments: took[SEGMENTS],
+        })
+    }
+}
+
 // What the device's clock sums the times of an update by.
 const ELSEWHERE: usize = 0;
 const PHOTONS: usize = 1;
@@ -86,8 +101,6 @@ pub struct Updated {
     /// What the stages counted, from the edit on. A rebuild compares nothing: all its photons
     /// count as invalid and as changed.
     pub counts: Counters,
-    /// What they took.
-    pub phases: Phases,
 }
 
 /// Everything that the photon map of one scene keeps on the device.
@@ -212,12 +225,6 @@ impl PhotonFrame {
             done.counts.all_fitted()?;
             self.settle(gpu)?;
             gpu.enter(ELSEWHERE);
-            let took = gpu.phase_ms()?;
-            done.phases = Phases {
-                photons: took[PHOTONS],
-                light_field: took[LIGHT_FIELD],
-                segments: took[SEGMENTS],
-            };
         } else {
             done.counts = self.counts(gpu)?;
         }

@@ -57,19 +57,25 @@ impl MacroCells {
         of: impl Fn(usize) -> T,
         join: impl Fn(T, T) -> T + Sync,
     ) -> Vec<T> {
-        // A sparse table answers any range in two look-ups.
-        let mut levels = vec![(0..TABLE_ENTRIES).map(of).collect::<Vec<T>>()];
-        for width in (0..).map(|k| 1 << k).take_while(|w| 2 * w <= TABLE_ENTRIES) {
-            let below = &levels[levels.len() - 1];
-            let next = (0..=TABLE_ENTRIES - 2 * width).map(|i| join(below[i], below[i + width]));
-            levels.push(next.collect());
-        }
+        let levels = spans(of, &join);
         each(self.entries.len(), |cell| {
             let [low, high] = self.entries[cell].map(usize::from);
             let level = (high - low + 1).ilog2() as usize;
             join(levels[level][low], levels[level][high + 1 - (1 << level)])
         })
     }
+}
+
+/// A sparse table, which answers any range in two look-ups: what 2^k neighbouring entries have,
+/// from each on as long as there are so many, for all k.
+pub fn spans<T: Copy>(of: impl Fn(usize) -> T, join: impl Fn(T, T) -> T) -> Vec<Vec<T>> {
+    let mut levels = vec![(0..TABLE_ENTRIES).map(of).collect::<Vec<T>>()];
+    for width in (0..).map(|k| 1 << k).take_while(|w| 2 * w <= TABLE_ENTRIES) {
+        let below = &levels[levels.len() - 1];
+        let next = (0..=TABLE_ENTRIES - 2 * width).map(|i| join(below[i], below[i + width]));
+        levels.push(next.collect());
+    }
+    levels
 }
 
 /// Something of each cell, found by as many threads as the machine has.
