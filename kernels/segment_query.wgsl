@@ -1,13 +1,14 @@
 // Which segments an edit touches: those that read an entry that changed, H(10), and
-// those that may look up light that changed. A work item is a segment of the band.
+// those that may look up light that changed. A work item is as many as 32 segments of a view ray,
+// a bit each.
 
-import package::constants::{GROUP, DIRTY_SPLIT, SPATIAL_AXES, LIST_READ, LIST_LIT};
+import package::constants::{GROUP, DIRTY_SPLIT, SPATIAL_AXES, LIST_READ, LIST_LIT, SEGMENTS_AT_ONCE};
 import package::shared::counter::{CHECKED, UNFINISHED, count, expect, cut_short};
 import package::shared::dirty::{dirty_grid, is_dirty, axes_meet};
 import package::shared::item::item_index;
 import package::shared::marks::mark;
 import package::shared::scene::{frame, cell_masks, cell_index};
-import package::shared::segment::{SegmentParams, span_of, HISTORY};
+import package::shared::segment::{SegmentParams, Span, span_of, HISTORY};
 import package::shared::walk::{walk_begin, walk_leave, walk_step};
 
 @group(0) @binding(8) var<uniform> params: SegmentParams;
@@ -19,29 +20,58 @@ fn is_vacant(block: vec3<i32>) -> bool {
     return all((cell_masks[cell_index(cell)] & frame.visible_bins) == vec2<u32>(0u));
 }
 
-fn sees_change(segment: u32) -> bool {
-    if dirty_grid.spatial > SPATIAL_AXES { return false; }
-    let span = span_of(params, segment);
-    let ray = span.ray;
+// Bits from `low` to `high`, both among them.
+fn bits(low: u32, high: u32) -> u32 {
+    return (0xffffffffu >> (31u - high)) & (0xffffffffu << low);
+}
+
+// The segments that read an entry of the query, of `several` from `first` on.
+fn reading(first: u32, several: u32) -> u32 {
+    var found = 0u;
+    for (var k = 0u; k < several; k++) {
+        let at = params.stride * (first + k * params.pixels) + HISTORY;
+        let history = vec2<u32>(segment_words[at], segment_words[at + 1u]);
+        found |= select(0u, 1u << k, any((history & params.query) != vec2<u32>(0u)));
+    }
+    return found;
+}
+
+// The segments of a ray, `several` from the span's on, that see light that changed, as far as
+// they are not `known`.
+fn seeing_change(span: Span, several: u32, known: u32) -> u32 {
+    let every = bits(0u, several - 1u);
     let length = span.leave - span.enter;
-    if !(length > 0.0) { return false; }
+    if dirty_grid.spatial > SPATIAL_AXES || known == every || !(length > 0.0) { return 0u; }
+    let ray = span.ray;
+    let each = length / f32(params.segments);
     // Samples may lie a little outside their segment, by rounding or by their lattice.
     let slack = frame.step;
-    let begin = max(span.enter, span.enter + length * (f32(span.index) / f32(params.segments)) - slack);
-    let end = min(span.leave, span.enter + length * (f32(span.index + 1u) / f32(params.segments)) + slack);
+    let first = span.enter + f32(span.index) * each;
+    var found = 0u;
     if dirty_grid.spatial == SPATIAL_AXES {
-        let a = ray.origin + ray.direction * begin;
-        let b = ray.origin + ray.direction * end;
-        return axes_meet(min(a, b), max(a, b), frame.extent);
+        for (var k = 0u; k < several; k++) {
+            let a = ray.origin + ray.direction * max(span.enter, first + f32(k) * each - slack);
+            let b = ray.origin + ray.direction * min(span.leave, first + f32(k + 1u) * each + slack);
+            found |= select(0u, 1u << k, axes_meet(min(a, b), max(a, b), frame.extent));
+        }
+        return found;
     }
+    var begin = max(span.enter, first - slack);
+    let end = min(span.leave, first + f32(several) * each + slack);
     var w = walk_begin(ray, begin, dirty_grid.edge, dirty_grid.blocks);
     var checked = 0u;
-    var found = false;
     var arrived = false;
     loop {
         checked++;
-        found = is_dirty(w.cell) && !is_vacant(w.cell);
-        arrived = found || walk_leave(w) >= end || !walk_step(&w, ray, dirty_grid.edge, dirty_grid.blocks);
+        let leave = walk_leave(w);
+        if is_dirty(w.cell) && !is_vacant(w.cell) {
+            let from_to = vec2(begin - slack - first, leave + slack - first) / each;
+            let seen = vec2<u32>(clamp(floor(from_to), vec2(0.0), vec2(f32(several - 1u))));
+            found |= bits(seen.x, seen.y);
+        }
+        begin = max(begin, leave);
+        arrived = (found | known) == every || leave >= end
+            || !walk_step(&w, ray, dirty_grid.edge, dirty_grid.blocks);
         if arrived { break; }
     }
     expect(arrived);
@@ -55,13 +85,21 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let segment = item_index(group, groups, local);
-    if segment >= params.items { return; }
-    let at = params.stride * segment + HISTORY;
-    let history = vec2<u32>(segment_words[at], segment_words[at + 1u]);
-    let read = any((history & params.query) != vec2<u32>(0u));
-    var touched = read && (params.which & LIST_READ) != 0u;
-    if !read && (params.which & LIST_LIT) != 0u { touched = sees_change(segment); }
-    if touched { mark(segment); }
+    let item = item_index(group, groups, local);
+    if item >= params.items { return; }
+    let layer = item / params.pixels * SEGMENTS_AT_ONCE;
+    let several = min(params.segments - layer, SEGMENTS_AT_ONCE);
+    let first = layer * params.pixels + item % params.pixels;
+    let read = reading(first, several);
+    var touched = 0u;
+    if (params.which & LIST_READ) != 0u { touched = read; }
+    if (params.which & LIST_LIT) != 0u {
+        touched |= seeing_change(span_of(params, first), several, read) & ~read;
+    }
+    while touched != 0u {
+        let k = firstTrailingBit(touched);
+        touched &= touched - 1u;
+        mark(first + k * params.pixels);
+    }
     count(UNFINISHED, u32(cut_short));
 }

@@ -107,6 +107,9 @@ pub const LIST_READ: u32 = 1;
 /// Lists the others that see light that changed.
 pub const LIST_LIT: u32 = 2;
 
+/// Segments of a ray that one thread looks at, a bit each.
+pub const SEGMENTS_AT_ONCE: u32 = 32;
+
 /// Points that one thread tests in one dispatch, roughly: some drivers lose patience after a
 /// second or two.
 const TESTS_AT_ONCE: f64 = 262_144.0;
@@ -394,7 +397,7 @@ impl SegmentMap {
     ) -> Result<()> {
         let band = &mut self.bands[band];
         let pixels = band.rows * self.params.width;
-        let items = pixels * self.params.segments;
+        let items = pixels * self.params.segments.div_ceil(SEGMENTS_AT_ONCE);
         let params = SegmentParams {
             first_row: band.first_row,
             pixels,

@@ -151,6 +151,7 @@ fn constants_module() -> String {
         ("SPATIAL_AXES", crate::scene::Spatial::Axes as u32),
         ("LIST_READ", crate::segment::LIST_READ),
         ("LIST_LIT", crate::segment::LIST_LIT),
+        ("SEGMENTS_AT_ONCE", crate::segment::SEGMENTS_AT_ONCE),
         ("CELL_EDGE", crate::volume::cells::CELL_EDGE),
         ("SCAN_BLOCK", super::scan::SCAN_BLOCK),
     ];

@@ -199,6 +199,7 @@ impl PhotonFrame {
             ..Default::default()
         };
         let rebuilds = self.pending && self.fresh;
+        gpu.restart_phases();
         if self.pending {
             if rebuilds {
                 self.counters.clear(gpu)?;
@@ -206,7 +207,6 @@ impl PhotonFrame {
                 self.map.arrange(gpu, &self.scene.lights, &light_ids(&self.source))?;
                 self.restart();
             }
-            gpu.restart_phases();
             gpu.enter(PHOTONS);
             let found = self.list_photons(gpu, split)?;
             done.listed = self.map.batches.iter().map(|batch| u64::from(batch.list.count)).sum();
