@@ -183,6 +183,29 @@ fn a_shadow_goes_with_what_cast_it() {
     }
 }
 
+/// More segments than a thread looks at: what changed is found among the first, among those in
+/// the middle and among the last.
+#[test]
+fn rays_of_many_segments_are_exact() {
+    const SEGMENTS: usize = 90;
+    for estimator in [Estimator::Fluence, Estimator::Points] {
+        let (mut scene, volume) = world(estimator, Weighting::Even, Filter::Linear);
+        scene.settings.segments = SEGMENTS as u32;
+        let mut frame = frame(&scene, &volume, &Split::default());
+        let before = snapshot(gpu(), &frame).without_histories().segments;
+        scene.materials[2].extinction = 0.7;
+        let (_, done) = update(&mut frame, &scene, &Split::default());
+        assert!(done.recomputed < done.segments, "{done:?}");
+        assert_eq!(difference(&frame, &scene, &volume), None, "{estimator}");
+        let after = snapshot(gpu(), &frame).without_histories().segments;
+        let mut changed = [0; SEGMENTS.div_ceil(32)];
+        for i in (0..before.len()).filter(|&i| before[i] != after[i]) {
+            changed[i % SEGMENTS / 32] += 1;
+        }
+        assert!(changed.iter().all(|&n| n > 10), "{estimator}: {changed:?}");
+    }
+}
+
 /// A radius so small that several cells of the grid share a bucket.
 #[test]
 fn buckets_of_several_cells_are_exact() {
