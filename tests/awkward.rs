@@ -183,8 +183,8 @@ fn a_shadow_goes_with_what_cast_it() {
     }
 }
 
-/// More segments than a thread looks at: what changed is found among the first, among those in
-/// the middle and among the last.
+/// More segments than a thread looks at: those that see changed light are found among the first,
+/// among those in the middle and among the last.
 #[test]
 fn rays_of_many_segments_are_exact() {
     const SEGMENTS: usize = 90;
@@ -193,7 +193,7 @@ fn rays_of_many_segments_are_exact() {
         scene.settings.segments = SEGMENTS as u32;
         let mut frame = frame(&scene, &volume, &Split::default());
         let before = snapshot(gpu(), &frame).without_histories().segments;
-        scene.materials[0].extinction = 0.1;
+        scene.lights[0].emitted *= 0.5;
         let (_, done) = update(&mut frame, &scene, &Split::default());
         assert!(done.recomputed < done.segments, "{done:?}");
         assert_eq!(difference(&frame, &scene, &volume), None, "{estimator}");
@@ -202,7 +202,7 @@ fn rays_of_many_segments_are_exact() {
         for i in (0..before.len()).filter(|&i| before[i] != after[i]) {
             changed[i % SEGMENTS / 32] += 1;
         }
-        assert!(changed.iter().all(|&n| n > 0), "{estimator}: {changed:?}");
+        assert!(changed.iter().all(|&n| n > 10), "{estimator}: {changed:?}");
     }
 }
 
