@@ -201,7 +201,7 @@ fn rays_of_many_segments_are_exact() {
         for i in (0..before.len()).filter(|&i| before[i] != after[i]) {
             changed[i % SEGMENTS / 32] += 1;
         }
-        assert!(changed.iter().filter(|&&n| n > 10).count() > 2, "{estimator}: {changed:?}");
+        assert!(changed.iter().filter(|&&n| n > 10).count() > 1, "{estimator}: {changed:?}");
     }
 }
 
