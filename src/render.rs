@@ -61,8 +61,7 @@ pub struct Split {
     pub batch_photons: Option<u32>,
     /// Rows of a screen band, at most; `None`: as many as a binding holds.
     pub band_rows: Option<u32>,
-    /// Photons that the journal of an update holds, at most; `None`: two million, or 256 MiB
-    /// of slots.
+    /// Photons that the journal of an update holds, at most; `None`: 64 MiB of slots.
     pub journal: Option<u32>,
     /// Slots whose points share a table, at most, unless they are of one batch; `None`: as many as
     /// a binding holds.

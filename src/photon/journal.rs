@@ -17,12 +17,8 @@ use crate::gpu::run::{Bindings, Stage};
 use crate::render::{Progress, Split};
 use crate::work::WorkList;
 
-/// Slots of the journal, at most: 256 MiB.
-const SLOTS: u32 = 1 << 23;
-
-/// Photons that it holds at most: so many keep any device busy. With far fewer a part takes as
-/// long as the longest of its photons.
-const PHOTONS: u32 = 1 << 21;
+/// Slots of the journal, at most: 64 MiB.
+const SLOTS: u32 = 1 << 21;
 
 /// Old slots of as many photons as a part may have, and the kernels that compare with them.
 pub(super) struct Journal {
@@ -47,7 +43,7 @@ pub(super) struct Journal {
 impl Journal {
     /// An empty one.
     pub fn new(gpu: &Gpu, max_events: u32, split: &Split) -> Result<Self> {
-        let most = (SLOTS / max_events).min(PHOTONS).min(split.journal.unwrap_or(u32::MAX));
+        let most = (SLOTS / max_events).min(split.journal.unwrap_or(u32::MAX));
         let chosen = WorkList::new(gpu, 0)?;
         Ok(Self {
             most: most.max(1),
