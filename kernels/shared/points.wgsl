@@ -1,7 +1,8 @@
 // The points light field: photons in buckets of 2^shift consecutive cells of a grid whose
 // edge is the gather radius, H(8). The key is the cell's index, x fastest, so the three
 // cells of a row are one run of points. `starts` says where each bucket begins; a bucket
-// may hold more than the cells asked for, and the distance test tells.
+// may hold more than the cells asked for, and the distance test tells. Of points that changed it
+// says more behind that: which of the rows around the cells of each bucket have any.
 
 struct PointsParams {
     grid: vec3<u32>,       // cells
@@ -23,6 +24,9 @@ struct PointsParams {
     pad1: u32,
 }
 
+// Rows of cells around a cell.
+const ROWS: u32 = 9u;
+
 // The place of a point that goes.
 const NOWHERE: u32 = 0xffffffffu;
 
@@ -40,4 +44,14 @@ fn points_cell(position: vec3<f32>, params: PointsParams) -> vec3<i32> {
 fn points_key(cell: vec3<i32>, params: PointsParams) -> u32 {
     let c = vec3<u32>(cell);
     return (c.z * params.grid.y + c.y) * params.grid.x + c.x;
+}
+
+// A row of the nine: y and z.
+fn row_beside(cell: vec3<i32>, n: u32) -> vec2<i32> {
+    return cell.yz + vec2<i32>(vec2<u32>(n % 3u, n / 3u)) - 1;
+}
+
+// Where `starts` says which rows around a cell have points: a bit each.
+fn rows_at(cell: vec3<i32>, params: PointsParams) -> u32 {
+    return params.buckets + 1u + (points_key(cell, params) >> params.shift);
 }

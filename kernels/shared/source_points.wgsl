@@ -4,7 +4,7 @@
 
 import package::shared::counter::expect;
 import package::shared::phase::phase;
-import package::shared::points::{PointsParams, points_cell, points_key};
+import package::shared::points::{ROWS, PointsParams, points_cell, points_key, row_beside, rows_at};
 import package::shared::segment::SegmentParams;
 import package::shared::segment_sums::{Sums, sums_with, sums_without};
 import package::shared::slot::unpack_direction;
@@ -72,9 +72,6 @@ fn share_of(light: vec4<f32>, i: u32, q: Query) -> Share {
     );
 }
 
-// Rows of cells around a point.
-const ROWS: u32 = 9u;
-
 // What rounding may amount to, in cells.
 const SLACK: f32 = 1e-3;
 
@@ -96,8 +93,12 @@ fn gather(
     var runs: array<vec2<u32>, ROWS>;
     var rows = 0u;
     let widest = vec2(max(cell.x - 1, 0), min(cell.x + 1, i32(field.grid.x) - 1));
-    for (var n = 0u; n < ROWS; n++) {
-        let row = cell.yz + vec2<i32>(vec2<u32>(n % 3u, n / 3u)) - 1;
+    // Points that changed are few: only rows that have any are asked.
+    var asked = (1u << ROWS) - 1u;
+    if field.had == 1u { asked = starts[rows_at(cell, field)]; }
+    while asked != 0u {
+        let row = row_beside(cell, firstTrailingBit(asked));
+        asked &= asked - 1u;
         if any(row < vec2<i32>(0)) || any(row >= vec2<i32>(field.grid.yz)) { continue; }
         // Only the cells of the row that the sphere reaches, and a little more for rounding.
         let beside = vec2<f32>(row) - at.yz;

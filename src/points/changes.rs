@@ -152,7 +152,7 @@ impl Points {
             count: total,
             places: gpu.buffer::<[u32; 4]>("point places", total as usize)?,
             lights: gpu.buffer::<Change>("point lights", total as usize)?,
-            starts: self.starts(gpu)?,
+            starts: gpu.buffer::<u32>("points starts", 2 * self.params.buckets as usize + 1)?,
         };
         let mut stage = gpu.stage("points_take");
         stage.clear(&taken.starts);
