@@ -211,7 +211,14 @@ fn buckets_of_several_cells_are_exact() {
     let (mut scene, volume) = world(Estimator::Points, Weighting::Plain, Filter::Linear);
     let longest = volume.extent().max_element();
     scene.settings.radius = Some(longest / 400.0);
+    // So many photons that those that change are neighbours, and so many rays that they are seen.
+    scene.settings.photons = 100_000;
+    (scene.camera.width, scene.camera.height) = (160, 128);
     let mut frame = frame(&scene, &volume, &Split::default());
+    scene.materials[2].colour *= 0.5;
+    let (_, done) = update(&mut frame, &scene, &Split::default());
+    assert!(done.corrected > 0, "{done:?}");
+    assert_eq!(difference(&frame, &scene, &volume), None);
     scene.materials[1].extinction = 0.9;
     let (_, done) = update(&mut frame, &scene, &Split::default());
     assert!(done.points > 0, "{done:?}");
