@@ -2,8 +2,8 @@
 // cell of the light field that it crosses, as a rounded integer; or, with sign -1,
 // takes exactly that out again; or, with sign 0, does both at once, where a flight of the
 // journal is flown with another power now. A work item is an event of a photon, of the live
-// slots or of the journal: of all that are listed, or of the chosen ones, from the slot on that
-// changed.
+// slots or of the journal: of all that are listed, or of the chosen ones, counted from the slot on
+// that changed.
 
 import package::shared::counter::{DEPOSITS, CLAMPED, UNFINISHED, count, expect, cut_short};
 import package::shared::item::item_index;
@@ -55,12 +55,13 @@ fn main(
 ) {
     let item = item_index(group, groups, local);
     if item >= params.items { return; }
-    let event = (params.first_item + item) / params.listed;
+    var event = (params.first_item + item) / params.listed;
     var listed = (params.first_item + item) % params.listed;
     if params.chosen == 1u {
         let changed = chosen[listed];
-        if event < changed % params.max_events { return; }
         listed = changed / params.max_events;
+        event += changed % params.max_events;
+        if event >= params.max_events { return; }
     }
     let photon = work[params.first_listed + listed];
     let live = params.journal == 0u;

@@ -1,8 +1,9 @@
 // Photon tracing. A work item is a photon of the batch. A full rebuild lists every one and
 // flies all of it; an update resumes at its first slot that an edit touches. As long as a
 // photon begins its flights where its slots say, only invalid ones are flown again, and of
-// those only what an edit can have changed. A dispatch covers a window of events, so that
-// no thread runs for long; the next resumes after it.
+// those only what an edit can have changed. A dispatch covers a window of events, counted from
+// where each photon resumes, so that no thread runs for long and none idles while others do; the
+// next resumes after it.
 //
 // Photons continue from what their slots hold, packed, so that resumed and full traces
 // see the same numbers; both go through the same lines of this one pipeline.
@@ -57,8 +58,9 @@ fn main(
     if item >= params.items { return; }
     let photon = work[params.first_item + item];
     let task = unpack_task(tasks[photon]);
-    var event = max(task.touched, params.first_event);
-    if event >= params.stop_event { return; }
+    var event = task.touched + params.first_event;
+    let stop = min(task.touched + params.stop_event, params.max_events);
+    if event >= stop { return; }
     let id = identify(params, photon);
 
     var slot: Slot;
@@ -72,7 +74,7 @@ fn main(
     var interactions = 0u;
     var over = false;
     loop {
-        over = event >= params.stop_event || (event > 0u && slot.kind != INTERACTION);
+        over = event >= stop || (event > 0u && slot.kind != INTERACTION);
         if over { break; }
         var origin = slot.position;
         var heading = 0u;
@@ -132,7 +134,7 @@ fn main(
     // Beyond a photon's end every slot is zero, so that equal photons are equal bits.
     over = false;
     for (; !over; event++) {
-        over = event >= params.stop_event;
+        over = event >= stop;
         if over { break; }
         let at = event * params.photons + photon;
         over = all(states[at] == vec4<u32>(0u));

@@ -7,10 +7,12 @@ use common::gpu;
 use common::snapshot::{difference, snapshot};
 use common::world::{WORLD, frame, update, world};
 use glam::{DMat3, DVec3, Vec3};
+use photogram::gpu::{AdapterChoice, Gpu};
+use photogram::measure;
 use photogram::render::{Progress, Split};
 use photogram::scene::{Estimator, Filter, LightKind, Scene, Weighting};
 use photogram::segment::LightField;
-use photogram::update::{PhotonFrame, Scope, Updated};
+use photogram::update::{Phases, PhotonFrame, Scope, Updated};
 use photogram::volume::Volume;
 
 /// Applies an edit to a fresh frame and checks it; returns what the update did.
@@ -42,6 +44,27 @@ fn an_edit_that_changes_no_entry_visits_nothing() {
             assert_eq!((done.counts.visits(), done.listed, done.recomputed), (0, 0, 0));
         }
     }
+}
+
+/// Times of phases are those of the last update, even if that had nothing to do. On a device of its
+/// own: other tests work on theirs.
+#[test]
+fn times_of_phases_begin_anew_with_every_update() {
+    let gpu = Gpu::open(&AdapterChoice::Best).expect("an adapter");
+    let (scene, volume) = world(Estimator::Points, Weighting::Even, Filter::Linear);
+    let mut frame = measure::fresh(&gpu, &scene, &volume).expect("fits");
+    let mut times = |rebuilds| {
+        let silent = &mut Progress::silent();
+        let done = match rebuilds {
+            true => frame.rebuild(&gpu, &Split::default(), silent),
+            false => frame.update(&gpu, &Split::default(), silent),
+        };
+        assert!(done.expect("comes to its end").finished);
+        let Phases { photons, light_field, segments } = Phases::of_last(&gpu).expect("a clock");
+        [photons, light_field, segments]
+    };
+    assert!(times(true).iter().all(|&ms| ms > 0.0));
+    assert_eq!(times(false), [0.0; 3]);
 }
 
 #[test]

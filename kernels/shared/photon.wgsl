@@ -25,8 +25,8 @@ struct PhotonParams {
     grid: vec3<u32>,       // cells of the light field
     journal: u32,          // photons that the journal holds; 0: the slots are the live ones
     risen: vec2<u32>,      // bins where a flight may be stopped that was not
-    first_event: u32,      // the window of events that a dispatch traces
-    stop_event: u32,
+    first_event: u32,      // the window of events that a dispatch traces, from where each photon
+    stop_event: u32,       // resumes
     relit: u32,            // 1: the light's power changed
     roulette_gain: u32,    // 1 / roulette_survival: this / 2^18 * 2^doublings
     roulette_doublings: i32,

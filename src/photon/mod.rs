@@ -72,9 +72,9 @@ shared_struct! {
         pub journal: u32,
         /// Bins where a flight may be stopped that was not.
         pub risen: [u32; 2],
-        /// First event of the window that a dispatch traces.
+        /// First event of the window that a dispatch traces, from where each photon resumes.
         pub first_event: u32,
-        /// The event before which it stops.
+        /// The event before which it stops, from there.
         pub stop_event: u32,
         /// 1 where the light's power changed.
         pub relit: u32,
@@ -398,7 +398,7 @@ impl PhotonMap {
                     first_item: part.start + range.start as u32,
                     items: items as u32,
                     first_event,
-                    stop_event: (first_event + window).min(self.max_events),
+                    stop_event: first_event + window,
                     ..self.params(batch)
                 };
                 stage.dispatch(&self.trace, items, &bindings, &params)?;
