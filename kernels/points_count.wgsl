@@ -4,7 +4,7 @@
 
 import package::constants::GROUP;
 import package::shared::item::item_index;
-import package::shared::points::{ROWS, PointsParams, points_key, row_beside, rows_at};
+import package::shared::points::{ROWS, PointsParams, row_beside, rows_at};
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
 @group(0) @binding(9) var<storage, read> work: array<u32>;
@@ -15,16 +15,13 @@ import package::shared::points::{ROWS, PointsParams, points_key, row_beside, row
 fn tell_rows(key: u32) {
     let grid = params.grid;
     let cell = vec3<i32>(vec3(key % grid.x, key / grid.x % grid.y, key / grid.x / grid.y));
-    let low = max(cell.x - 1, 0);
-    let high = min(cell.x + 1, i32(grid.x) - 1);
     for (var n = 0u; n < ROWS; n++) {
         let row = row_beside(cell, n);
         if any(row < vec2<i32>(0)) || any(row >= vec2<i32>(grid.yz)) { continue; }
         // Seen from there, the row of this cell is on the other side.
         let bit = 1u << (ROWS - 1u - n);
-        let last = rows_at(vec3(high, row), params);
-        for (var at = rows_at(vec3(low, row), params); at <= last; at++) {
-            atomicOr(&starts[at], bit);
+        for (var x = max(cell.x - 1, 0); x <= min(cell.x + 1, i32(grid.x) - 1); x++) {
+            atomicOr(&starts[rows_at(vec3(x, row), params)], bit);
         }
     }
 }
@@ -40,6 +37,6 @@ fn main(
     let point = select(work[i], i, params.all == 1u);
     let key = keys[point];
     let before = atomicAdd(&starts[(key >> params.shift) + 1u], 1u);
-    // All points of a cell would tell the same; those of a bucket of several cells would not.
-    if params.all == 0u && (before == 0u || params.shift > 0u) { tell_rows(key); }
+    // All points of a cell would tell the same.
+    if params.all == 0u && params.shift == 0u && before == 0u { tell_rows(key); }
 }

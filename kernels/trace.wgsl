@@ -1,9 +1,9 @@
 // Photon tracing. A work item is a photon of the batch. A full rebuild lists every one and
 // flies all of it; an update resumes at its first slot that an edit touches. As long as a
 // photon begins its flights where its slots say, only invalid ones are flown again, and of
-// those only what an edit can have changed. A dispatch covers a window of events, counted from
-// where each photon resumes, so that no thread runs for long and none idles while others do; the
-// next resumes after it.
+// those only what an edit can have changed. A dispatch covers a window of events, so that no
+// thread runs for long; the next resumes after it. The first begins where each photon resumes, so
+// that no thread waits for its turn.
 //
 // Photons continue from what their slots hold, packed, so that resumed and full traces
 // see the same numbers; both go through the same lines of this one pipeline.

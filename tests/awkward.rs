@@ -228,24 +228,23 @@ fn rays_of_many_segments_are_exact() {
     }
 }
 
-/// A radius so small that several cells of the grid share a bucket.
+/// Buckets of several cells, and of several rows of cells.
 #[test]
 fn buckets_of_several_cells_are_exact() {
-    let (mut scene, volume) = world(Estimator::Points, Weighting::Plain, Filter::Linear);
-    let longest = volume.extent().max_element();
-    scene.settings.radius = Some(longest / 400.0);
-    // So many photons that those that change are neighbours, and so many rays that they are seen.
-    scene.settings.photons = 100_000;
-    (scene.camera.width, scene.camera.height) = (160, 128);
-    let mut frame = frame(&scene, &volume, &Split::default());
-    scene.materials[2].colour *= 0.5;
-    let (_, done) = update(&mut frame, &scene, &Split::default());
-    assert!(done.corrected > 0, "{done:?}");
-    assert_eq!(difference(&frame, &scene, &volume), None);
-    scene.materials[1].extinction = 0.9;
-    let (_, done) = update(&mut frame, &scene, &Split::default());
-    assert!(done.points > 0, "{done:?}");
-    assert_eq!(difference(&frame, &scene, &volume), None);
+    for buckets in [2000, 200, 20, 1] {
+        let split = Split { buckets: Some(buckets), ..Split::default() };
+        let (mut scene, volume) = world(Estimator::Points, Weighting::Plain, Filter::Linear);
+        let mut frame = frame(&scene, &volume, &split);
+        let mut edit = |scene: &Scene| {
+            let (_, done) = update(&mut frame, scene, &split);
+            assert_eq!(difference(&frame, scene, &volume), None, "{buckets} buckets");
+            done
+        };
+        scene.materials[2].colour *= 0.5;
+        assert!(edit(&scene).corrected > 0);
+        scene.materials[1].extinction = 0.9;
+        assert!(edit(&scene).points > 0);
+    }
 }
 
 /// Nobody sees the colour of what scatters nothing.

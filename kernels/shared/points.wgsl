@@ -1,8 +1,8 @@
 // The points light field: photons in buckets of 2^shift consecutive cells of a grid whose
 // edge is the gather radius, H(8). The key is the cell's index, x fastest, so the three
 // cells of a row are one run of points. `starts` says where each bucket begins; a bucket
-// may hold more than the cells asked for, and the distance test tells. Of points that changed it
-// says more behind that: which of the rows around the cells of each bucket have any.
+// may hold more than the cells asked for, even of the next row, and the distance test tells. Of
+// points that changed, where each cell is a bucket, it also says which rows around it have any.
 
 struct PointsParams {
     grid: vec3<u32>,       // cells
@@ -51,7 +51,7 @@ fn row_beside(cell: vec3<i32>, n: u32) -> vec2<i32> {
     return cell.yz + vec2<i32>(vec2<u32>(n % 3u, n / 3u)) - 1;
 }
 
-// Where `starts` says which rows around a cell have points: a bit each.
+// Where `starts` says which rows around a cell have points that changed: a bit each.
 fn rows_at(cell: vec3<i32>, params: PointsParams) -> u32 {
-    return params.buckets + 1u + (points_key(cell, params) >> params.shift);
+    return params.buckets + 1u + points_key(cell, params);
 }

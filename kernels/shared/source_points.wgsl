@@ -95,7 +95,8 @@ fn gather(
     let widest = vec2(max(cell.x - 1, 0), min(cell.x + 1, i32(field.grid.x) - 1));
     // Points that changed are few: only rows that have any are asked.
     var asked = (1u << ROWS) - 1u;
-    if field.had == 1u { asked = starts[rows_at(cell, field)]; }
+    if field.had == 1u && field.shift == 0u { asked = starts[rows_at(cell, field)]; }
+    var met = 0u;    // points of rows before: a bucket may have cells of two
     while asked != 0u {
         let row = row_beside(cell, firstTrailingBit(asked));
         asked &= asked - 1u;
@@ -108,13 +109,16 @@ fn gather(
         let half = sqrt(reach) + SLACK;
         let least = i32(floor(at.x - half));
         let most = i32(floor(at.x + half));
-        let run = points_between(params, clamp(vec2(least, most), widest.xx, widest.yy), row);
+        var run = points_between(params, clamp(vec2(least, most), widest.xx, widest.yy), row);
+        run.x = max(run.x, met);
         if run.x < run.y {
             runs[rows] = run;
             rows++;
             sum.tested += run.y - run.x;
+            met = run.y;
         }
     }
+    expect(asked == 0u);
     // One loop over all of them: threads side by side that find fewer here find more there.
     var q = Query(point, weight, toward, 0u);
     var i = 0u;

@@ -152,6 +152,7 @@ impl Points {
             count: total,
             places: gpu.buffer::<[u32; 4]>("point places", total as usize)?,
             lights: gpu.buffer::<Change>("point lights", total as usize)?,
+            // Behind where buckets begin, the rows around each cell that have any.
             starts: gpu.buffer::<u32>("points starts", 2 * self.params.buckets as usize + 1)?,
         };
         let mut stage = gpu.stage("points_take");

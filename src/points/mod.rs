@@ -30,7 +30,7 @@ use changes::{Changes, Moved};
 use table::{Part, Table};
 
 /// Buckets of a table, at most: 16 MiB.
-const MAX_BUCKETS: u64 = 1 << 22;
+const MAX_BUCKETS: u32 = 1 << 22;
 /// Points of which a work group finds means.
 pub const MEAN_BLOCK: u32 = 512;
 
@@ -136,7 +136,12 @@ impl Points {
     ///
     /// # Errors
     /// The radius is too small for the volume.
-    pub fn new(gpu: &Gpu, scene: &DeviceScene, settings: &Settings, radius: f64) -> Result<Self> {
+    pub fn new(
+        gpu: &Gpu,
+        scene: &DeviceScene,
+        (settings, radius): (&Settings, f64),
+        split: &Split,
+    ) -> Result<Self> {
         let grid = scene.frame.extent.map(|e| (f64::from(e) / radius).ceil().max(1.0));
         let cells = grid.iter().product::<f64>();
         if cells > f64::from(u32::MAX) {
@@ -148,7 +153,8 @@ impl Points {
             ));
         }
         let cells = cells as u64;
-        let shift = cells.div_ceil(MAX_BUCKETS).next_power_of_two().ilog2();
+        let most = split.buckets.unwrap_or(MAX_BUCKETS).max(1);
+        let shift = cells.div_ceil(most.into()).next_power_of_two().ilog2();
         let even = settings.weighting == Weighting::Even;
         let params = PointsParams {
             grid: grid.map(|n| n as u32),

@@ -73,7 +73,7 @@ impl PhotonFrame {
                  can change: render anew",
             ));
         }
-        let (field, estimator, dirty) = light_field(gpu, &self.scene, settings)?;
+        let (field, estimator, dirty) = light_field(gpu, &self.scene, settings, split)?;
         let segments = SegmentMap::new(gpu, &scene, &self.scene, &field, settings.rays, split)?;
         self.counters.clear(gpu)?;
         self.source = scene;

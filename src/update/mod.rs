@@ -139,7 +139,7 @@ impl PhotonFrame {
         split: &Split,
     ) -> Result<Self> {
         let settings = &scene.settings;
-        let (field, estimator, dirty) = light_field(gpu, &device, settings)?;
+        let (field, estimator, dirty) = light_field(gpu, &device, settings, split)?;
         let map = PhotonMap::new(gpu, &device, &light_ids(scene), settings, split)?;
         let segments = SegmentMap::new(gpu, scene, &device, &field, rays, split)?;
         Ok(Self {
@@ -430,6 +430,7 @@ fn light_field(
     gpu: &Gpu,
     device: &DeviceScene,
     settings: &Settings,
+    split: &Split,
 ) -> Result<(LightField, &'static str, Dirty)> {
     let chosen = settings.estimator.unwrap_or(match device.table.is_isotropic() {
         true => Estimator::Fluence,
@@ -449,7 +450,7 @@ fn light_field(
                 Weighting::Plain => "points plain",
                 Weighting::Even => "points even",
             };
-            let points = Box::new(Points::new(gpu, device, settings, radius)?);
+            let points = Box::new(Points::new(gpu, device, (settings, radius), split)?);
             (LightField::Points(points), name, radius as f32)
         }
     };
