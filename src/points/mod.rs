@@ -29,7 +29,7 @@ use crate::segment::Run;
 use changes::{Changes, Moved};
 use table::{Part, Table};
 
-/// Buckets of a table, at most: 16 MiB.
+/// Buckets of a table, at most: 16 MiB, and as much again for points that changed.
 const MAX_BUCKETS: u32 = 1 << 22;
 /// Points of which a work group finds means.
 pub const MEAN_BLOCK: u32 = 512;
