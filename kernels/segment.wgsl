@@ -109,14 +109,21 @@ fn march_span(span: Span, march: ptr<function, March>) {
     expect(arrived);
 }
 
+// samples * segment / segments, where the product need not fit.
+fn first_sample(samples: u32, segment: u32) -> u32 {
+    let each = samples / params.segments;
+    let rest = samples % params.segments;
+    return each * segment + rest * segment / params.segments;
+}
+
 @if(!nearest)
 fn march_span(span: Span, march: ptr<function, March>) {
     let length = span.leave - span.enter;
     if !(length > 0.0) { return; }
     let samples = u32(ceil(length / frame.step));
     let h = length / f32(samples);
-    let end = samples * (span.index + 1u) / params.segments;
-    var i = samples * span.index / params.segments;
+    let end = first_sample(samples, span.index + 1u);
+    var i = first_sample(samples, span.index);
     @if(skip) var w = walk_begin(span.ray, span.enter + (f32(i) + 0.5) * h, frame.cell_mm, frame.cells);
     while i < end && (*march).transmittance != 0.0 {
         let t = span.enter + (f32(i) + 0.5) * h;

@@ -59,7 +59,7 @@ impl Dirty {
             spatial: spatial as u32,
             edge: frame.cell_mm.map(|e| e / DIRTY_SPLIT as f32),
             // Light is looked up at most half an interval off a sample; the rest is for rounding.
-            reach: reach + 0.5 * frame.step + 0.01 * frame.cell_mm[0],
+            reach: reach + 0.5 * frame.step + 0.01 * frame.cell_mm.into_iter().fold(0.0, f32::max),
             ..Default::default()
         };
         Ok(Self {

@@ -61,6 +61,7 @@ pub struct Fluence {
     deposit: Arc<Kernel>,
     resolve: Arc<Kernel>,
     pace: Pace,
+    chosen_pace: Pace,
 }
 
 fn texture(gpu: &Gpu, grid: [u32; 3]) -> wgpu::Texture {
@@ -122,6 +123,7 @@ impl Fluence {
             deposit: gpu.kernel("deposit", &[])?,
             resolve: gpu.kernel("resolve", &[])?,
             pace: Pace::new(1 << 14),
+            chosen_pace: Pace::new(1 << 14),
         })
     }
 
@@ -179,7 +181,9 @@ impl Fluence {
             stage.dispatch(&self.deposit, items, &bindings, &params)
         };
         let progress = &mut |n| progress.at("deposit", n, total);
-        gpu.sliced("deposit", total, &self.pace, work, progress)
+        // Fewer of the chosen photons' slots are empty.
+        let pace = if params.chosen == 1 { &self.chosen_pace } else { &self.pace };
+        gpu.sliced("deposit", total, pace, work, progress)
     }
 
     /// Turns sums into fluence, and marks the cells that differ from before.

@@ -31,26 +31,24 @@ shared_struct! {
         pub seed: u32,
         /// Extent of the bounds, mm.
         pub extent: [f32; 3],
-        /// `v = (stored - bias) * gain` is in [0, 1].
-        pub bias: f32,
+        /// A voxel's number times this is in [0, 1].
+        pub gain: f32,
         /// Voxels per mm.
         pub per_voxel: [f32; 3],
-        /// See `bias`.
-        pub gain: f32,
-        /// Macro-cells along each axis.
-        pub cells: [u32; 3],
         /// The scene's fixed rate of tentative collisions, 1/mm.
         pub majorant: f32,
+        /// Macro-cells along each axis.
+        pub cells: [u32; 3],
+        /// Classes of marks in a photon's history (see [`Bins`]).
+        pub mark_classes: u32,
         /// Edge of a macro-cell, mm.
         pub cell_mm: [f32; 3],
         /// March step under the linear filter, mm.
         pub step: f32,
         /// Bins with any extinction or emission.
         pub visible_bins: [u32; 2],
-        /// Classes of marks in a photon's history (see [`Bins`]).
-        pub mark_classes: u32,
         /// Keeps the size a multiple of 16.
-        pub pad: u32,
+        pub pad: [u32; 2],
     }
 }
 
@@ -147,22 +145,20 @@ impl DeviceScene {
         let cells = MacroCells::of(volume);
         let local_from_world = volume.local_from_world();
         let lights = Lights::of(scene, &local_from_world)?;
-        let (bias, gain) = volume.unit_map();
         let spacing = volume.spacing().as_vec3();
         let frame = Frame {
             size: volume.size(),
             seed: hash(settings.seed),
             extent: volume.extent().as_vec3().to_array(),
-            bias,
+            gain: volume.gain(),
             per_voxel: spacing.recip().to_array(),
-            gain,
-            cells: cells.counts,
             majorant: majorant as f32,
+            cells: cells.counts,
+            mark_classes: bins.mark_classes,
             cell_mm: (spacing * CELL_EDGE as f32).to_array(),
             step: spacing.min_element() * settings.step as f32,
             visible_bins: words(table.opaque_mask(&bins)),
-            mark_classes: bins.mark_classes,
-            pad: 0,
+            pad: [0; 2],
         };
         let query = Query::default();
         let columns = Columns::of(&table, &bins, &query);
@@ -362,10 +358,10 @@ fn upload_volume(gpu: &Gpu, volume: &Volume) -> Result<(wgpu::TextureView, u64)>
             ),
         ));
     }
-    let (bytes, format): (&[u8], _) = match volume.voxels() {
-        Voxels::U8(data) => (data, wgpu::TextureFormat::R8Uint),
-        Voxels::U16(data) => (bytemuck::cast_slice(data), wgpu::TextureFormat::R16Uint),
-        Voxels::F32(data) => (bytemuck::cast_slice(data), wgpu::TextureFormat::R32Float),
+    let format = match volume.voxels() {
+        Voxels::U8(_) => wgpu::TextureFormat::R8Uint,
+        Voxels::U16(_) => wgpu::TextureFormat::R16Uint,
+        Voxels::F32(_) => wgpu::TextureFormat::R32Float,
     };
     let layer = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
     let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
@@ -379,24 +375,26 @@ fn upload_volume(gpu: &Gpu, volume: &Volume) -> Result<(wgpu::TextureView, u64)>
         view_formats: &[],
     });
     gpu.check("volume")?;
-    let layer_bytes = bytes.len() / depth as usize;
-    for (z, slab) in bytes.chunks(layer_bytes).enumerate() {
+    let mut bytes = 0;
+    for z in 0..depth {
+        let slab = volume.slab(z as usize);
+        bytes += slab.len() as u64;
         gpu.queue().write_texture(
             wgpu::TexelCopyTextureInfo {
                 texture: &texture,
                 mip_level: 0,
-                origin: wgpu::Origin3d { x: 0, y: 0, z: z as u32 },
+                origin: wgpu::Origin3d { x: 0, y: 0, z },
                 aspect: wgpu::TextureAspect::All,
             },
-            slab,
+            &slab,
             wgpu::TexelCopyBufferLayout {
                 offset: 0,
-                bytes_per_row: Some((layer_bytes / height as usize) as u32),
+                bytes_per_row: Some((slab.len() / height as usize) as u32),
                 rows_per_image: None,
             },
             layer,
         );
     }
     gpu.check("volume")?;
-    Ok((texture.create_view(&Default::default()), bytes.len() as u64))
+    Ok((texture.create_view(&Default::default()), bytes))
 }

@@ -73,17 +73,17 @@ impl Lights {
             )));
         }
         let mut lights = Self { count: scene.lights.len() as u32, ..Default::default() };
-        let mut first = 0;
+        let mut all = 0_u64;
         for (light, record) in scene.lights.iter().zip(&mut lights.all) {
             let quota = (scene.settings.photons as f64 * light.share).round().max(1.0) as u64;
             record.photons = quota as u32;
-            first += quota;
+            all = all.saturating_add(quota);
             record.stream = hash(scene.settings.seed ^ hash_wide(u64::from(light.id) + 1));
             record.radiance = light.emitted.as_vec3().to_array();
             place(record, &light.kind, local_from_world)?;
         }
-        lights.photons = u32::try_from(first).map_err(|_| {
-            Error::setting(format!("{first} photons in all: at most {} are supported", u32::MAX))
+        lights.photons = u32::try_from(all).map_err(|_| {
+            Error::setting(format!("{all} photons in all: at most {} are supported", u32::MAX))
         })?;
         Ok(lights)
     }

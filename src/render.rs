@@ -37,8 +37,8 @@ impl<'a> Progress<'a> {
         Self::default()
     }
 
-    /// Asks `stop` at every boundary of an update (before each part of `photons`, before
-    /// the `light field`, before the `segments`) whether to abandon it there.
+    /// Asks `stop` at every boundary of an update (before each part of `photons`, in a rebuild each
+    /// batch, before the `light field`, before the `segments`) whether to abandon it there.
     pub fn until(stop: &'a mut dyn FnMut(&'static str) -> bool) -> Self {
         Self { hear: None, stop: Some(stop) }
     }

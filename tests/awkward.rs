@@ -13,7 +13,7 @@ use photogram::render::{Progress, Split};
 use photogram::scene::{Estimator, Filter, LightKind, Scene, Weighting};
 use photogram::segment::LightField;
 use photogram::update::{Phases, PhotonFrame, Scope, Updated};
-use photogram::volume::Volume;
+use photogram::volume::{Values, Volume};
 
 /// Applies an edit to a fresh frame and checks it; returns what the update did.
 fn check(estimator: Estimator, edit: impl Fn(&mut Scene)) -> (Scope, Updated) {
@@ -263,7 +263,10 @@ fn the_colour_of_what_only_absorbs_is_no_edit() {
 }
 
 /// A scene over few voxels, seen with the nearest filter, of one thin tissue.
-fn few_values(estimator: Estimator, size: u32, value: impl Fn([u32; 3]) -> u16) -> (Scene, Volume) {
+fn few_values<T>(estimator: Estimator, size: u32, value: impl Fn([u32; 3]) -> T) -> (Scene, Volume)
+where
+    Values: From<Vec<T>>,
+{
     let mut values = Vec::new();
     for at in 0..size.pow(3) {
         values.push(value([at % size, at / size % size, at / size / size]));
@@ -306,6 +309,31 @@ fn values_on_the_edge_are_met_and_no_others() {
             assert_eq!(done.counts.changed > 0, is_met, "{estimator}, {low}: {done:?}");
             assert_eq!(difference(&frame, &scene, &volume), None, "{estimator}, {low}");
         }
+    }
+}
+
+/// Floats that single precision tells apart in steps of four table entries, since they are far
+/// from zero: what is interpolated between equal ones is not to leave the range of their cell.
+#[test]
+fn floats_far_from_zero_are_exact() {
+    const MOST: f32 = 101_324.0;
+    for estimator in [Estimator::Fluence, Estimator::Points] {
+        let (mut scene, volume) = few_values(estimator, 24, |at| match at {
+            [0, 0, 0] => MOST - 4.0,
+            [23, 23, 23] => MOST + 4.0,
+            _ => MOST,
+        });
+        scene.filter = Filter::Linear;
+        let most = f64::from(MOST);
+        scene.materials[0].ramp = vec![[most - 0.002, 1.0], [most + 0.002, 1.0]];
+        let mut frame = frame(&scene, &volume, &Split::default());
+        let mut beside = scene.materials[0].clone();
+        (beside.name, beside.extinction) = ("beside".into(), 1.5);
+        beside.ramp = vec![[most + 0.003, 1.0], [most + 0.02, 1.0]];
+        scene.materials.push(beside);
+        let (_, done) = update(&mut frame, &scene, &Split::default());
+        assert!(10 * done.counts.changed < done.photons, "{done:?}");
+        assert_eq!(difference(&frame, &scene, &volume), None, "{estimator}");
     }
 }
 
@@ -564,6 +592,22 @@ fn an_abandoned_update_leaves_nothing_behind() {
         }
     }
     assert!(half_moved > 3, "flights were never half moved");
+}
+
+#[test]
+fn a_rebuild_can_be_abandoned() {
+    for estimator in [Estimator::Fluence, Estimator::Points] {
+        let (scene, volume) = world(estimator, Weighting::Even, Filter::Linear);
+        for last in ["photons", "light field", "segments"] {
+            let mut frame = frame(&scene, &volume, &Split::default());
+            let mut stop = |boundary: &str| boundary == last;
+            let progress = &mut Progress::until(&mut stop);
+            let done = frame.rebuild(gpu(), &Split::default(), progress).expect("rebuilds");
+            assert!(!done.finished, "{last}");
+            update(&mut frame, &scene, &Split::default());
+            assert_eq!(difference(&frame, &scene, &volume), None, "{estimator}, {last}");
+        }
+    }
 }
 
 /// Segments correct their sums by what one build of the points changed: after an update that was

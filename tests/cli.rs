@@ -129,6 +129,11 @@ fn scenes_that_cannot_be() {
         ("photons = 1000", "majorant = 1e9\nphotons = 1000", "`majorant` is 1000000000 per mm"),
         ("photons = 1000", "photons = 10_000_000_000", "`photons` is 10000000000: it must be 1"),
         ("size = 1\n", "size = 1\nshare = 1e9\n", "1000000000000 photons in all: at most"),
+        (
+            "[[light]]",
+            "[[light]]\nkind = \"surroundings\"\nname = \"sky\"\nradiance = 1\nshare = 1e30\n[[light]]",
+            "18446744073709551615 photons in all: at most",
+        ),
         ("radiance = 10", "radiance = 1e300", "single precision"),
     ] {
         says(&Place::with(old, new).unrendered(&[]), &[expect]);

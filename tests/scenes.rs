@@ -286,6 +286,38 @@ fn edits_change_what_they_name_and_nothing_else() -> Result<()> {
 }
 
 #[test]
+fn an_edit_may_change_what_it_adds() -> Result<()> {
+    let edit = r#"
+[[edit]]
+name = "another"
+remove_material = ["ct-bone"]
+[[edit.add_material]]
+name = "ct-bone"
+window = [100, 200]
+extinction = 1
+albedo = 0.5
+[[edit.material]]
+name = "ct-bone"
+extinction = 2
+[[edit.add_light]]
+kind = "point"
+name = "spot"
+from = [0, 0, 1]
+intensity = 1
+[[edit.light]]
+name = "spot"
+intensity = 3
+"#;
+    let scene = Scene::parse(&format!("{FULL}{edit}"), "full.toml")?;
+    let edited = scene.edited("another")?;
+    let bone = edited.materials.last().expect("a material");
+    assert_eq!((bone.name.as_str(), bone.extinction, bone.scatter), ("ct-bone", 2.0, 0.5));
+    assert_eq!(edited.lights.last().expect("a light").emitted, DVec3::splat(3.0));
+    assert_eq!(Scene::parse(&scene.to_toml(), "full.toml")?, scene);
+    Ok(())
+}
+
+#[test]
 fn an_impossible_edit_leaves_the_scene_as_it_was() {
     let before = full();
     let material = |change| Changes { materials: vec![change], ..Default::default() };

@@ -77,15 +77,13 @@ fn units_and_flat_data() {
         Volume::new([2, 1, 1], DVec3::ONE, DMat3::IDENTITY, DVec3::ZERO, values).unwrap()
     };
     let flat = new(vec![7.5f32; 2].into());
-    assert_eq!((flat.range(), flat.unit_map(), flat.unit(1, 0, 0)), ([7.5, 7.5], (7.5, 0.0), 0.0));
+    assert_eq!((flat.range(), flat.gain(), flat.unit(1, 0, 0)), ([7.5, 7.5], 0.0, 0.0));
     let flat = new(vec![-3i8; 2].into());
-    assert_eq!(
-        (flat.range(), flat.unit_map(), flat.value(1, 0, 0)),
-        ([-3.0, -3.0], (0.0, 0.0), -3.0)
-    );
+    assert_eq!((flat.range(), flat.gain(), flat.value(1, 0, 0)), ([-3.0, -3.0], 0.0, -3.0));
     let full = new(vec![u16::MAX, 0].into());
-    assert_eq!(full.unit_map(), (0.0, 1.0 / 65535.0));
-    assert_eq!(new(vec![-1.0f32, 3.0].into()).unit_map(), (-1.0, 0.25));
+    assert_eq!(full.gain(), 1.0 / 65535.0);
+    let floats = new(vec![-1.0f32, 3.0].into());
+    assert_eq!((floats.gain(), floats.unit(0, 0, 0), floats.unit(1, 0, 0)), (0.25, 0.0, 1.0));
 }
 
 #[test]

@@ -9,16 +9,15 @@ struct Frame {
     size: vec3<u32>,          // voxels
     seed: u32,                // hashed
     extent: vec3<f32>,        // mm
-    bias: f32,                // v = (stored - bias) * gain is in [0, 1]
+    gain: f32,                // a voxel's number times this is in [0, 1]
     per_voxel: vec3<f32>,     // voxels per mm
-    gain: f32,
-    cells: vec3<u32>,         // macro-cells along each axis
     majorant: f32,            // 1/mm, the scene's fixed rate of tentative collisions
+    cells: vec3<u32>,         // macro-cells along each axis
+    mark_classes: u32,        // of a photon's history (see flight.wgsl)
     cell_mm: vec3<f32>,       // edge of a macro-cell
     step: f32,                // mm between march samples under the linear filter
     visible_bins: vec2<u32>,  // bins with any extinction or emission
-    mark_classes: u32,        // of a photon's history (see flight.wgsl)
-    pad: u32,
+    pad: vec2<u32>,
 }
 
 // What decides a collision, the historygram bin of a table entry, and what the edit in
@@ -46,8 +45,8 @@ fn voxel(at: vec3<i32>) -> f32 {
 }
 
 // Table entry of the value at a point: min(floor(v * 4096), 4095).
-fn entry_of(stored: f32) -> u32 {
-    let v = (stored - frame.bias) * frame.gain;
+fn entry_of(number: f32) -> u32 {
+    let v = number * frame.gain;
     return min(u32(max(v, 0.0) * f32(TABLE_ENTRIES)), TABLE_ENTRIES - 1u);
 }
 

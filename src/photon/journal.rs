@@ -13,7 +13,7 @@ use crate::error::Result;
 use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
-use crate::gpu::run::{Bindings, Stage};
+use crate::gpu::run::{Bindings, Pace, Stage};
 use crate::render::{Progress, Split};
 use crate::work::WorkList;
 
@@ -38,6 +38,7 @@ pub(super) struct Journal {
     /// For the fluence, and for points.
     compare: [Arc<Kernel>; 2],
     choose: Arc<Kernel>,
+    pace: Pace,
 }
 
 impl Journal {
@@ -58,6 +59,7 @@ impl Journal {
             weighed: [gpu.kernel("weighed", &[])?, gpu.kernel("weighed", &["points"])?],
             compare: [gpu.kernel("compare", &[])?, gpu.kernel("compare", &["points"])?],
             choose: gpu.kernel("chosen", &[])?,
+            pace: Pace::new(1 << 14),
         })
     }
 
@@ -219,7 +221,8 @@ impl PhotonMap {
             };
             stage.dispatch(&self.journal.weigh, range.end - range.start, &bindings, &params)
         };
-        gpu.sliced("weigh", total, &self.pace, work, &mut |n| progress.at("weigh", n, total))?;
+        let pace = &self.journal.pace;
+        gpu.sliced("weigh", total, pace, work, &mut |n| progress.at("weigh", n, total))?;
         if counters.read(gpu)?.unfinished > 0 {
             counters.restore(gpu)?;
             return Ok(false);

@@ -15,21 +15,21 @@ pub struct Edit {
 }
 
 /// What an edit changes, made in the order of the fields: first what is removed, then
-/// what is set, then what is added. Empty fields change nothing.
+/// what is added, then what is set. Empty fields change nothing.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Changes {
     /// Materials that go, by name.
     pub remove_materials: Vec<String>,
-    /// Materials that change.
-    pub materials: Vec<MaterialChange>,
     /// Materials that come, at the end of the list.
     pub add_materials: Vec<Material>,
+    /// Materials that change.
+    pub materials: Vec<MaterialChange>,
     /// Lights that go, by name.
     pub remove_lights: Vec<String>,
-    /// Lights that change.
-    pub lights: Vec<LightChange>,
     /// Lights that come, at the end of the list.
     pub add_lights: Vec<Light>,
+    /// Lights that change.
+    pub lights: Vec<LightChange>,
     /// The camera; the image keeps its size.
     pub camera: CameraChange,
     /// The new background, W/(sr mm²).
@@ -108,20 +108,20 @@ impl Scene {
             let at = find(&self.materials, |m| &m.name, name, "material")?;
             self.materials.remove(at);
         }
+        self.materials.extend_from_slice(&changes.add_materials);
         for change in &changes.materials {
             let at = find(&self.materials, |m| &m.name, &change.name, "material")?;
             change.apply(&mut self.materials[at]);
         }
-        self.materials.extend_from_slice(&changes.add_materials);
         for name in &changes.remove_lights {
             let at = find(&self.lights, |l| &l.name, name, "light")?;
             self.lights.remove(at);
         }
+        self.lights.extend_from_slice(&changes.add_lights);
         for change in &changes.lights {
             let at = find(&self.lights, |l| &l.name, &change.name, "light")?;
             change.apply(&mut self.lights[at])?;
         }
-        self.lights.extend_from_slice(&changes.add_lights);
         changes.camera.apply(&mut self.camera);
         set(&mut self.background, changes.background);
         Ok(())

@@ -277,6 +277,9 @@ impl PhotonFrame {
             let count = self.map.batches[i].list.count;
             self.map.batches[i].stale |= count > 0;
             if self.fresh {
+                if progress.stops("photons") {
+                    return Ok(false);
+                }
                 let batch = &self.map.batches[i];
                 let all = (batch, 0..count, false);
                 self.map.trace(gpu, &self.scene, &self.counters, all, progress)?;

@@ -3,6 +3,7 @@
 //! Readers and phantoms make [`Values`]; [`Volume::new`] checks them and stores
 //! them at their own precision. Indices are (i, j, k), i fastest in memory.
 
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
@@ -38,17 +39,6 @@ pub enum Voxels {
     U16(Vec<u16>),
     /// Floating-point data as they are, and integers of wider range (exact up to 2^24).
     F32(Vec<f32>),
-}
-
-impl Voxels {
-    /// The stored number at a memory index, as a kernel converts it.
-    fn stored(&self, at: usize) -> f32 {
-        match self {
-            Self::U8(data) => f32::from(data[at]),
-            Self::U16(data) => f32::from(data[at]),
-            Self::F32(data) => data[at],
-        }
-    }
 }
 
 impl Voxels {
@@ -163,16 +153,45 @@ impl Volume {
         &self.voxels
     }
 
-    /// `(bias, gain)` of `v = (stored - bias) * gain`, which maps stored numbers
-    /// to [0, 1] over the data's range (the greatest may land one rounding step
-    /// off 1). The gain is 0 where all values are equal.
-    pub fn unit_map(&self) -> (f32, f32) {
+    /// What takes the numbers that a kernel is given, of which the least is 0, to [0, 1]
+    /// over the data's range (the greatest may land one rounding step off 1); 0 where all
+    /// values are equal.
+    pub fn gain(&self) -> f32 {
         let [low, high] = self.range;
-        let (bias, span) = match self.voxels {
-            Voxels::F32(_) => (low as f32, high - low),
-            Voxels::U8(_) | Voxels::U16(_) => (0.0, ((high - low) / self.step).round()),
+        let span = match self.voxels {
+            Voxels::F32(_) => high - low,
+            Voxels::U8(_) | Voxels::U16(_) => ((high - low) / self.step).round(),
         };
-        (bias, if span > 0.0 { (1.0 / span) as f32 } else { 0.0 })
+        if span > 0.0 { (1.0 / span) as f32 } else { 0.0 }
+    }
+
+    /// The number at a memory index that a kernel is given. Far from zero single precision is
+    /// coarser than the table, and what a kernel interpolates would leave the range of the
+    /// voxels that it is of: floats, too, are given from the least on.
+    fn given(&self, at: usize) -> f32 {
+        match &self.voxels {
+            Voxels::U8(data) => f32::from(data[at]),
+            Voxels::U16(data) => f32::from(data[at]),
+            Voxels::F32(data) => self.above_least(data[at]),
+        }
+    }
+
+    fn above_least(&self, value: f32) -> f32 {
+        (f64::from(value) - self.range[0]) as f32
+    }
+
+    /// The numbers of slab k that a kernel is given, as bytes of their type.
+    pub(crate) fn slab(&self, k: usize) -> Cow<'_, [u8]> {
+        let [ni, nj, _] = self.size.map(|n| n as usize);
+        let within = ni * nj * k..ni * nj * (k + 1);
+        match &self.voxels {
+            Voxels::U8(data) => Cow::Borrowed(&data[within]),
+            Voxels::U16(data) => Cow::Borrowed(bytemuck::cast_slice(&data[within])),
+            Voxels::F32(data) => {
+                let given = data[within].iter().map(|&value| self.above_least(value));
+                Cow::Owned(given.flat_map(f32::to_ne_bytes).collect())
+            }
+        }
     }
 
     /// Where voxel (i, j, k) lies in [`Self::voxels`].
@@ -190,29 +209,28 @@ impl Volume {
     /// # Panics
     /// Outside the volume.
     pub fn value(&self, i: u32, j: u32, k: u32) -> f64 {
-        let stored = f64::from(self.voxels.stored(self.index(i, j, k)));
-        match self.voxels {
-            Voxels::F32(_) => stored,
-            Voxels::U8(_) | Voxels::U16(_) => self.range[0] + self.step * stored,
+        let at = self.index(i, j, k);
+        match &self.voxels {
+            Voxels::F32(data) => data[at].into(),
+            Voxels::U8(_) | Voxels::U16(_) => self.range[0] + self.step * f64::from(self.given(at)),
         }
     }
 
     /// Value of voxel (i, j, k) in [0, 1] over the data's range, bit for bit as
-    /// a kernel finds it with [`Self::unit_map`].
+    /// a kernel finds it with [`Self::gain`].
     ///
     /// # Panics
     /// Outside the volume.
     pub fn unit(&self, i: u32, j: u32, k: u32) -> f32 {
-        let (bias, gain) = self.unit_map();
-        (self.voxels.stored(self.index(i, j, k)) - bias) * gain
+        self.given(self.index(i, j, k)) * self.gain()
     }
 
     /// How many voxels lie in each of `bins` equal parts of the range.
     pub fn histogram(&self, bins: usize) -> Vec<u64> {
-        let (bias, gain) = self.unit_map();
+        let gain = self.gain();
         let mut counts = vec![0; bins];
         for at in 0..self.size.iter().map(|&n| n as usize).product() {
-            let v = (self.voxels.stored(at) - bias) * gain;
+            let v = self.given(at) * gain;
             counts[((v * bins as f32) as usize).min(bins - 1)] += 1;
         }
         counts

@@ -355,8 +355,7 @@ fn write_to(volume: &Volume, path: &Path) -> io::Result<()> {
                 match integer {
                     // Two's complement: the low bytes of a wider integer are the narrower one.
                     Some((kind, low)) => {
-                        let whole =
-                            low + i64::from(volume.voxels().stored(volume.index(i, j, k)) as i32);
+                        let whole = low + i64::from(volume.given(volume.index(i, j, k)) as i32);
                         row.extend_from_slice(&whole.to_le_bytes()[..kind.bytes()]);
                     }
                     None => row.extend_from_slice(&(volume.value(i, j, k) as f32).to_le_bytes()),

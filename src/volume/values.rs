@@ -1,5 +1,6 @@
 //! What a file or a phantom holds, as its own element type, and how it is
-//! stored: exactly, in the fewest bytes of the three that a kernel can read.
+//! stored: as one of the three types that a kernel can read, exactly but for `f64` and integers
+//! of wide range, which single precision rounds.
 
 use super::Voxels;
 use crate::error::{Error, Result};
@@ -163,7 +164,7 @@ impl Map {
             |pick: fn(f32, f32) -> f32| data.iter().copied().reduce(pick).map_or(0.0, f64::from);
         let range = [fold(f32::min), fold(f32::max)];
         let span = range[1] - range[0];
-        // A kernel's (value - bias) * gain must not leave the normal numbers.
+        // A kernel's numbers times their gain must not leave the normal ones.
         let normal = |x: f64| (x as f32).is_normal();
         if span != 0.0 && !(normal(span) && normal(1.0 / span)) {
             return Err(Error::setting(format!(

@@ -134,8 +134,10 @@ pub fn random_world(dice: &mut Dice) -> (Scene, Volume) {
             (Volume::new(size, spacing, turned, origin, values), |x| 13.0 * x - 1000.0)
         }
         _ => {
-            let values: Vec<f32> = levels.iter().map(|&x| f32::from(x) * 0.25 + 3.0).collect();
-            (Volume::new(size, spacing, turned, origin, values), |x| 0.25 * x + 3.0)
+            // Far from zero, where neighbours in single precision are some table entries apart.
+            let far = |x: &u8| f32::from(*x) * 0.03125 + 101_320.0;
+            let values: Vec<f32> = levels.iter().map(far).collect();
+            (Volume::new(size, spacing, turned, origin, values), |x| 0.03125 * x + 101_320.0)
         }
     };
     let volume = volume.expect("a sound volume");
