@@ -7,6 +7,7 @@ use photogram::gpu::kernel::{KERNELS, compose, compose_unchecked, kernel_files, 
 use photogram::gpu::layout::Layout;
 use photogram::gpu::scan;
 use photogram::{fluence, frame, light, photon, points, reference, segment};
+use wgpu::naga::back::pipeline_constants::process_overrides;
 use wgpu::naga::back::spv;
 use wgpu::naga::valid::{Capabilities, ValidationFlags, Validator};
 use wgpu::naga::{AddressSpace, Module, StorageAccess, TypeInner};
@@ -77,7 +78,9 @@ fn every_permutation_validates_within_the_limits_of_webgpu() {
             .validate(module)
             .unwrap_or_else(|e| panic!("{name} {on:?}: {e:?}"));
         // What the Vulkan back end makes of it: it knows faults of its own.
-        spv::write_vec(module, &info, &spv::Options::default(), None)
+        let (given, info) = process_overrides(module, &info, None, &Default::default())
+            .unwrap_or_else(|e| panic!("{name} {on:?}: {e}"));
+        spv::write_vec(&given, &info, &spv::Options::default(), None)
             .unwrap_or_else(|e| panic!("{name} {on:?}: {e}"));
         let storage = module.global_variables.iter().filter(|(_, v)| {
             matches!(v.space, AddressSpace::Storage { access } if access.contains(StorageAccess::LOAD))

@@ -6,6 +6,7 @@
 //! the generated module `constants`.
 
 use std::collections::BTreeMap;
+use std::num::NonZero;
 use std::sync::Arc;
 
 use include_dir::{Dir, include_dir};
@@ -13,7 +14,7 @@ use wesl::syntax::{ModulePath, PathOrigin};
 use wesl::{CompileOptions, Feature, Features, ManglerKind, VirtualResolver, Wesl};
 use wgpu::naga;
 
-use super::{GROUP, Gpu, lock};
+use super::{GROUP, Gpu, SOFTWARE, lock};
 use crate::error::{Error, Result};
 
 static SOURCES: Dir = include_dir!("$CARGO_MANIFEST_DIR/kernels");
@@ -168,6 +169,13 @@ pub fn parse(name: &str, source: &str) -> Result<naga::Module> {
 }
 
 impl Gpu {
+    /// Parts in which the adapter deals the groups of a dispatch: Mesa's software adapter gives
+    /// each of its threads as many in a row, and those of a picture's empty side soon rest.
+    fn parts(&self) -> u32 {
+        let cores = || std::thread::available_parallelism().map_or(1, NonZero::get) as u32;
+        if self.report().kind == SOFTWARE { cores() } else { 1 }
+    }
+
     /// The kernel with these flags set, compiled at the first call.
     ///
     /// # Errors
@@ -190,12 +198,19 @@ impl Gpu {
             label: Some(name),
             source: wgpu::ShaderSource::Wgsl(source.into()),
         });
+        // One that asks for no item would not know what it is told.
+        let constants = [("parts", f64::from(self.parts()))];
+        let asks = module.overrides.iter().any(|(_, o)| o.name.as_deref() == Some("parts"));
+        let constants = if asks { &constants[..] } else { &[] };
         let pipeline = self.device().create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(name),
             layout: None,
             module: &shader,
             entry_point: None,
-            compilation_options: Default::default(),
+            compilation_options: wgpu::PipelineCompilationOptions {
+                constants,
+                ..Default::default()
+            },
             cache: None,
         });
         self.check(name)?;

@@ -115,12 +115,15 @@ fn instance() -> wgpu::Instance {
     })
 }
 
+/// The [`AdapterReport::kind`] of an adapter that runs on the host's cores.
+const SOFTWARE: &str = "software";
+
 fn kind(info: &wgpu::AdapterInfo) -> (&'static str, u32) {
     match info.device_type {
         wgpu::DeviceType::DiscreteGpu => ("discrete", 0),
         wgpu::DeviceType::IntegratedGpu => ("integrated", 1),
         wgpu::DeviceType::VirtualGpu => ("virtual", 2),
-        wgpu::DeviceType::Cpu => ("software", 3),
+        wgpu::DeviceType::Cpu => (SOFTWARE, 3),
         wgpu::DeviceType::Other => ("other", 4),
     }
 }
