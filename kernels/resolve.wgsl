@@ -11,7 +11,7 @@ struct ResolveParams {
     grid: vec3<u32>,
     per_sum: f32,  // fluence for each unit of a sum: 1 / (scale * cell volume)
     edge: vec3<f32>,  // of a cell, mm
-    pad: u32,
+    marks: u32,       // 1: cells that differ are marked
 }
 
 @group(0) @binding(8) var<uniform> params: ResolveParams;
@@ -36,6 +36,8 @@ fn main(
     textureStore(fluence, at, vec4<f32>(now, 0.0));
     // An interpolated fetch reads the cell from half a cell around it.
     let low = (vec3<f32>(at) - 0.5) * params.edge;
-    if any(now != textureLoad(before, at, 0).rgb) { mark_dirty(low, low + 2.0 * params.edge); }
+    if params.marks == 1u && any(now != textureLoad(before, at, 0).rgb) {
+        mark_dirty(low, low + 2.0 * params.edge);
+    }
     count(UNFINISHED, u32(cut_short));
 }

@@ -11,9 +11,13 @@ use crate::gpu::Gpu;
 use crate::gpu::layout::shared_struct;
 use crate::gpu::run::Bindings;
 use crate::scene::Spatial;
+use crate::work::fill;
 
 /// Blocks of a macro-cell along each axis.
 pub const DIRTY_SPLIT: u32 = 2;
+/// Blocks that one thread marks, at most: drivers lose patience with longer loops, and Mesa's
+/// software adapter ends them.
+const MOST: f32 = 20_000.0;
 
 shared_struct! {
     /// The geometry of the marks, and the paper's axis historygrams.
@@ -73,6 +77,24 @@ impl Dirty {
     /// By the names that the kernels give them.
     pub fn bindings(&self) -> Bindings<'_> {
         vec![("dirty_grid", (&self.grid_buffer).into()), ("dirty", (&self.bits).into())]
+    }
+
+    /// Whether the blocks around a box of this size, mm, are too many for a thread to mark one by
+    /// one: [`Dirty::mark_all`] then.
+    pub fn is_far(&self, size: [f32; 3]) -> bool {
+        let along = |axis: usize| {
+            let blocks = (size[axis] + 2.0 * self.grid.reach) / self.grid.edge[axis] + 2.0;
+            blocks.min(self.grid.blocks[axis] as f32)
+        };
+        (0..3).map(along).product::<f32>() > MOST
+    }
+
+    /// Marks every block.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn mark_all(&self, gpu: &Gpu) -> Result<()> {
+        fill(gpu, "dirty", &self.bits, &[u32::MAX])
     }
 
     /// Forgets all marks.

@@ -29,8 +29,8 @@ shared_struct! {
         pub per_sum: f32,
         /// Edge of a cell, mm.
         pub edge: [f32; 3],
-        /// Keeps the size a multiple of 16.
-        pub pad: u32,
+        /// 1 where cells that differ are marked.
+        pub marks: u32,
     }
 }
 
@@ -186,11 +186,20 @@ impl Fluence {
         gpu.sliced("deposit", total, pace, work, progress)
     }
 
-    /// Turns sums into fluence, and marks the cells that differ from before.
+    /// Turns sums into fluence, and marks the cells that differ from before, if anybody `asks`.
     ///
     /// # Errors
     /// The device failed, or ended the loops that deposited flights or mark cells.
-    pub fn resolve(&mut self, gpu: &Gpu, dirty: &Dirty, counters: &CounterBuffer) -> Result<()> {
+    pub fn resolve(
+        &mut self,
+        gpu: &Gpu,
+        (dirty, asks): (&Dirty, bool),
+        counters: &CounterBuffer,
+    ) -> Result<()> {
+        let is_far = dirty.is_far(self.edge.map(|edge| 2.0 * edge));
+        if asks && is_far {
+            dirty.mark_all(gpu)?;
+        }
         std::mem::swap(&mut self.before, &mut self.view);
         let mut stage = gpu.stage("resolve");
         let cells = self.grid.iter().map(|&n| u64::from(n)).product();
@@ -198,7 +207,7 @@ impl Fluence {
         let mut bindings = [self.sum_bindings(), dirty.bindings()].concat();
         bindings.extend([("before", (&self.before).into()), ("fluence", (&self.view).into())]);
         bindings.push(("counters", counters.buffer().into()));
-        let params = ResolveParams { grid, per_sum, edge, pad: 0 };
+        let params = ResolveParams { grid, per_sum, edge, marks: (asks && !is_far).into() };
         stage.dispatch(&self.resolve, cells, &bindings, &params)?;
         stage.finish()?;
         counters.read(gpu)?.all_finished("fluence", "change `grid`")

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use photogram::gpu::AdapterChoice;
-use photogram::scene::{Estimator, Method, Scale, Scene, VolumeSource, Weighting};
+use photogram::scene::{Estimator, Method, Scale, Scene, Settings, VolumeSource, Weighting};
 use photogram::volume::phantom::Phantom;
 use photogram::volume::{self, Volume};
 
@@ -69,6 +69,18 @@ enum Command {
 struct RenderArgs {
     #[command(flatten)]
     scene: SceneArgs,
+    /// Applies a named edit of the scene first; may be repeated
+    #[arg(long)]
+    edit: Vec<String>,
+    /// photon-map, mcvr or reference
+    #[arg(long)]
+    method: Option<Method>,
+    /// Rays a pixel
+    #[arg(long, allow_negative_numbers = true)]
+    rays: Option<u32>,
+    /// Samples a pixel of `reference` and `mcvr`
+    #[arg(long, allow_negative_numbers = true)]
+    samples: Option<u32>,
     /// Output image, .exr or .png
     #[arg(short, long)]
     out: PathBuf,
@@ -78,6 +90,9 @@ struct RenderArgs {
 struct EditArgs {
     #[command(flatten)]
     scene: SceneArgs,
+    /// A named edit of the scene; once for each
+    #[arg(long, required = true)]
+    edit: Vec<String>,
     /// The image after the last edit, one ray a pixel, .exr or .png
     #[arg(short, long)]
     out: Option<PathBuf>,
@@ -128,15 +143,9 @@ struct SceneArgs {
     /// Puts another volume in the scene
     #[arg(long)]
     volume: Option<PathBuf>,
-    /// Applies a named edit of the scene first; may be repeated
-    #[arg(long)]
-    edit: Vec<String>,
     /// small, medium or full: shrinks photons, pixels and phantoms together
     #[arg(long)]
     scale: Option<Scale>,
-    /// photon-map, mcvr or reference
-    #[arg(long)]
-    method: Option<Method>,
     /// points or fluence
     #[arg(long)]
     estimator: Option<Estimator>,
@@ -158,12 +167,6 @@ struct SceneArgs {
     /// Segments along a view ray
     #[arg(long, allow_negative_numbers = true)]
     segments: Option<u32>,
-    /// Rays a pixel
-    #[arg(long, allow_negative_numbers = true)]
-    rays: Option<u32>,
-    /// Samples a pixel of `reference` and `mcvr`
-    #[arg(long, allow_negative_numbers = true)]
-    samples: Option<u32>,
     #[arg(long, allow_negative_numbers = true)]
     seed: Option<u64>,
     /// Pixels, as WIDTHxHEIGHT
@@ -231,8 +234,9 @@ fn run(cli: &Cli) -> Result<()> {
     }
 }
 
-/// The scene of a command, its settings overridden and settled, with its volume.
-fn prepare(args: &SceneArgs) -> Result<(Scene, Volume)> {
+/// The scene of a command, its settings overridden and settled, with its volume; `more` overrides
+/// what other commands have no word for.
+fn prepare(args: &SceneArgs, more: impl FnOnce(&mut Settings)) -> Result<(Scene, Volume)> {
     let mut scene = Scene::load(&args.scene)?;
     if let Some(path) = &args.volume {
         scene.volume = VolumeSource::File(std::path::absolute(path)?);
@@ -244,7 +248,6 @@ fn prepare(args: &SceneArgs) -> Result<(Scene, Volume)> {
         (scene.camera.width, scene.camera.height) = (width, height);
     }
     let settings = &mut scene.settings;
-    settings.method = args.method.unwrap_or(settings.method);
     settings.estimator = args.estimator.or(settings.estimator);
     settings.weighting = args.weighting.unwrap_or(settings.weighting);
     settings.photons = args.photons.unwrap_or(settings.photons);
@@ -252,9 +255,8 @@ fn prepare(args: &SceneArgs) -> Result<(Scene, Volume)> {
     settings.radius = args.radius.or(settings.radius);
     settings.grid = args.grid.unwrap_or(settings.grid);
     settings.segments = args.segments.unwrap_or(settings.segments);
-    settings.rays = args.rays.unwrap_or(settings.rays);
-    settings.samples = args.samples.unwrap_or(settings.samples);
     settings.seed = args.seed.unwrap_or(settings.seed);
+    more(settings);
     scene.film.exposure += args.exposure.unwrap_or(0.0);
     scene.check()?;
     let volume = scene.volume.load()?;

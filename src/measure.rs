@@ -62,6 +62,8 @@ pub struct Measured {
     pub updated: Updated,
     /// What the full rebuild counted.
     pub full_counts: Counters,
+    /// Table entries whose extinction the majorant clamps.
+    pub entries_clamped: usize,
     /// The fastest full rebuild: no histories, no lists, no comparing.
     pub full: Cost,
     /// Edit and update.
@@ -86,6 +88,8 @@ pub fn measure(
     let mut plain = scene.clone();
     plain.settings.history = false;
     let mut fastest = fresh(gpu, &plain, volume)?;
+    // A driver may compile a kernel when it first runs, and how long slices take is to be learned.
+    rebuild(gpu, &mut fastest, progress)?;
     let (rebuilt, full) = rebuild(gpu, &mut fastest, progress)?;
     drop(fastest);
 
@@ -97,7 +101,8 @@ pub fn measure(
             Some(compare(gpu, frame, &rebuilt)?)
         }
     };
-    Ok(Measured { scope, updated, full_counts: rebuilt.counts, full, incremental, mismatches })
+    let (full_counts, entries_clamped) = (rebuilt.counts, frame.scene.table.clamped);
+    Ok(Measured { scope, updated, full_counts, entries_clamped, full, incremental, mismatches })
 }
 
 /// Applies an edited scene to a frame.

@@ -44,7 +44,7 @@ impl Query {
             let differs = [
                 (after > before, CHANGE_RISEN),
                 (after < before, CHANGE_FALLEN),
-                (old.phase_g[e] != new.phase_g[e], CHANGE_PHASE),
+                (old.phase_g[e].to_bits() != new.phase_g[e].to_bits(), CHANGE_PHASE),
                 (bits(old.albedo(e)) != bits(new.albedo(e)), CHANGE_ALBEDO),
                 (bits(old.emission[e]) != bits(new.emission[e]), CHANGE_EMISSION),
             ];

@@ -580,3 +580,43 @@ fn photons_stay_where_the_light_is_estimated_anew() {
     assert!(frame.estimate(gpu(), &other, &split).is_err());
     assert_eq!(difference(&frame, &scene, &volume), None);
 }
+
+/// A g that is zero in single precision may have a sign, and bits that a gather is given.
+#[test]
+fn a_phase_of_less_than_single_precision_is_zero() {
+    let (mut scene, volume) = world(Estimator::Points, Weighting::Even, Filter::Linear);
+    let mut frame = frame(&scene, &volume, &Split::default());
+    for g in [-1e-60, 0.0, 1e-60] {
+        scene.materials.iter_mut().for_each(|m| m.phase_g = g);
+        update(&mut frame, &scene, &Split::default());
+        assert_eq!(difference(&frame, &scene, &volume), None, "{g}");
+    }
+}
+
+/// Light that is read from afar: so many blocks are around a point, or read a cell of the
+/// fluence, that a loop over them is longer than a driver has patience for.
+#[test]
+fn light_that_reaches_across_the_volume_is_updated() {
+    const EDGE: usize = 240;
+    let values: Vec<u8> =
+        (0..EDGE.pow(3)).map(|i| ((i % EDGE + i / EDGE % EDGE) / 2) as u8).collect();
+    let volume = Volume::new([EDGE as u32; 3], DVec3::ONE, DMat3::IDENTITY, DVec3::ZERO, values)
+        .expect("sound");
+    let text = &WORLD[WORLD.find("[camera]").expect("a camera")..];
+    for estimator in [Estimator::Fluence, Estimator::Points] {
+        let mut scene = common::scene_over(&volume, text);
+        for (i, material) in scene.materials.iter_mut().enumerate() {
+            material.ramp = vec![[30.0 * i as f64, 0.0], [30.0 * i as f64 + 60.0, 1.0]];
+            material.extinction = 0.01;
+        }
+        let settings = &mut scene.settings;
+        (settings.estimator, settings.weighting) = (Some(estimator), Weighting::Even);
+        (settings.radius, settings.grid, settings.photons) = (Some(90.0), 0.0125, 100);
+        (scene.camera.width, scene.camera.height) = (4, 4);
+        scene.settle(&volume);
+        let mut frame = frame(&scene, &volume, &Split::default());
+        scene.materials[1].extinction *= 1.5;
+        update(&mut frame, &scene, &Split::default());
+        assert_eq!(difference(&frame, &scene, &volume), None, "{estimator}");
+    }
+}

@@ -1,5 +1,7 @@
 //! Edits from outside: what `edit` reports, checks and refuses.
 
+use photogram::film::Notes;
+use photogram::scene::Scene;
 use place::Place;
 
 #[allow(dead_code)]
@@ -73,18 +75,94 @@ extinction = 0.4
 "#;
 
 #[test]
-fn what_cannot_be_edited_is_refused() {
+fn what_an_edit_adds_or_removes_another_process_has_or_lacks() {
+    const EDITS: &str = r#"
+[[edit]]
+name = "more"
+[[edit.add_material]]
+name = "shell"
+window = [20, 90]
+extinction = 0.05
+albedo = 0.5
+[[edit.add_light]]
+kind = "point"
+name = "lamp"
+position = [30, 0, 0]
+intensity = 5000
+[[edit]]
+name = "fewer"
+remove_material = ["shell"]
+remove_light = ["key"]
+"#;
     let place = Place::new();
+    place.file("scene.toml", format!("{}{EDITS}", place::SCENE));
+    for edits in [&["--edit", "more"][..], &["--edit", "more", "--edit", "fewer"]] {
+        let fresh = ["--verify", "fresh", "-o", "edited.exr"];
+        let said = place.fine(&[&["edit", "scene.toml"], edits, &fresh].concat());
+        assert!(said.contains("0 pixels differ"), "{said}");
+        // The picture tells the scene that it shows.
+        let notes = Notes::read_exr(place.path("edited.exr")).unwrap();
+        let shown = Scene::parse(&notes.scene, "edited.exr").unwrap();
+        assert!(shown.lights.iter().any(|light| light.name == "lamp"), "{}", notes.scene);
+        assert_eq!(shown.lights.len(), if edits.len() == 2 { 2 } else { 1 });
+    }
+}
+
+#[test]
+fn what_cannot_be_edited_is_refused_before_the_work() {
+    const NOTHING: &str = r#"
+[[edit]]
+name = "thin"
+[[edit.material]]
+name = "ball"
+extinction = 0
+[[edit]]
+name = "night"
+remove_light = ["key"]
+"#;
+    let place = Place::new();
+    let more = format!("{}{NOTHING}", place::SCENE);
+    place.file("more.toml", &more);
+    place.file("mcvr.toml", more.replace("[settings]", "[settings]\nmethod = \"mcvr\""));
+    place.file("forgetful.toml", more.replace("[settings]", "[settings]\nhistory = false"));
+    place.file("off.toml", more.replace("[settings]", "[settings]\nspatial = \"off\""));
+    // There is no such adapter: what is refused with another word is refused before one is asked.
+    let start = ["--adapter", "99", "edit"];
     for (args, what) in [
-        (&["edit", "scene.toml"][..], "no edit is named"),
-        (&["edit", "scene.toml", "--edit", "nothing"], "no edit is called `nothing`"),
-        (&["edit", "scene.toml", "--edit", "dark", "--method", "reference"], "photon map"),
-        (&["edit", "scene.toml", "--edit", "dark", "-o", "x.jpg"], ".exr"),
-        (&["edit", "scene.toml", "--edit", "dark", "--rays", "4"], "one ray a pixel"),
+        (&["more.toml", "--edit", "dark"][..], "no adapter matches"),
+        (&["more.toml", "--edit", "dark", "--edit", "nothing"], "no edit is called `nothing`"),
+        (&["more.toml", "--edit", "dark", "-o", "x.jpg"], ".exr"),
+        (&["more.toml", "--edit", "dark", "--edit", "thin"], "`thin`: the transfer function is"),
+        (&["more.toml", "--edit", "night"], "`night`: the scene has no light"),
+        (&["mcvr.toml", "--edit", "dark"], "photon map"),
+        (&["forgetful.toml", "--edit", "dark"], "`history` is false"),
+        (&["off.toml", "--edit", "dark", "--verify", "fresh"], "stale light"),
     ] {
-        let said = place.refused(args);
+        let said = place.refused(&[&start, args].concat());
         assert!(said.contains(what), "{args:?}: {said}");
     }
+    for (args, what) in [
+        (&["edit", "scene.toml"][..], "--edit"),
+        (&["edit", "scene.toml", "--edit", "dark", "--rays", "4"], "--rays"),
+    ] {
+        let said = place.failed(&mut place.program(args), 2);
+        assert!(said.contains(what), "{args:?}: {said}");
+    }
+}
+
+#[test]
+fn what_is_clamped_is_told() {
+    let place = Place::new();
+    let edit = "[[edit]]\nname = \"dense\"\n[[edit.material]]\nname = \"ball\"\nextinction = 3\n";
+    let scene = place::SCENE.replace("[settings]", "[settings]\nmajorant = 1");
+    place.file("scene.toml", format!("{scene}{edit}"));
+    let args = ["edit", "scene.toml", "--edit", "dark", "--edit", "dense", "--json", "edits.json"];
+    let said = place.fine(&args);
+    let rows = place.json("edits.json");
+    assert_eq!(rows[0]["entries_clamped"], 0);
+    let clamped = rows[1]["entries_clamped"].as_u64().unwrap();
+    assert!(clamped > 0 && !said.contains("`dark` the"), "{said}");
+    assert!(said.contains(&format!("after `dense` the extinction of {clamped} table")), "{said}");
 }
 
 #[test]

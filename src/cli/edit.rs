@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, anyhow, ensure};
 use comfy_table::{Table, presets};
 use photogram::demo;
 use photogram::film::{self, Format};
@@ -12,7 +12,7 @@ use photogram::render::Split;
 use photogram::scene::{Method, Scene, Spatial};
 
 use super::{
-    align_right, check_places, failed, make_folder, notes, say, with_progress, write_json,
+    align_right, check_places, failed, make_folder, notes, say, warnings, with_progress, write_json,
 };
 use crate::{EditArgs, prepare};
 
@@ -21,33 +21,47 @@ pub fn run_edit(adapter: &AdapterChoice, args: &EditArgs) -> Result<()> {
     let format = args.out.as_deref().map(Format::of).transpose()?;
     ensure!(json.is_none() || json != args.out.as_deref(), "--json and -o name the same file");
     check_places(&[args.out.as_deref(), json])?;
-    let (mut scene, volume) = prepare(&args.scene)?;
-    ensure!(scene.settings.method == Method::PhotonMap, "edits are updates of the photon map");
-    ensure!(!args.scene.edit.is_empty(), "no edit is named: add --edit NAME, once for each");
+    let (scene, volume) = prepare(&args.scene, |settings| settings.rays = 1)?;
     ensure!(
-        args.scene.rays.is_none_or(|rays| rays == 1),
-        "an update keeps the segments of one ray a pixel: leave --rays out"
+        scene.settings.method == Method::PhotonMap,
+        "edits are updates of the photon map: `method` is another in the scene"
     );
-    scene.settings.rays = 1;
-    scene.check_against(&volume)?;
+    ensure!(scene.settings.history, "updates ask histories: `history` is false in the scene");
+    let is_fresh = args.verify.as_deref() == Some("fresh");
+    ensure!(
+        !is_fresh || scene.settings.spatial != Spatial::Off,
+        "spatial = \"off\" leaves stale light, and another process would not: leave `fresh` out"
+    );
+    // All that can be refused is refused before the work.
+    let mut scenes = vec![scene];
+    for name in &args.edit {
+        scenes.extend(scenes.last().map(|before| before.edited(name)).transpose()?);
+    }
+    let checked = scenes.iter().zip([""].into_iter().chain(args.edit.iter().map(String::as_str)));
+    for (scene, edit) in checked {
+        scene.check_against(&volume).map_err(|e| match edit {
+            "" => e.into(),
+            _ => anyhow!("after edit `{edit}`: {e}"),
+        })?;
+    }
     let gpu = Gpu::open(adapter)?;
     let mut frame = with_progress(|progress| {
-        let mut frame = measure::fresh(&gpu, &scene, &volume)?;
+        let mut frame = measure::fresh(&gpu, &scenes[0], &volume)?;
         frame.rebuild(&gpu, &Split::default(), progress)?;
         Ok(frame)
     })?;
     let mut done = Vec::new();
-    for name in &args.scene.edit {
-        scene = scene.edited(name)?;
+    for (name, scene) in args.edit.iter().zip(&scenes[1..]) {
         let measured = with_progress(|progress| {
-            measure::measure(&gpu, &mut frame, &scene, &volume, args.verify.is_some(), progress)
+            measure::measure(&gpu, &mut frame, scene, &volume, args.verify.is_some(), progress)
         })?;
         done.push((name.as_str(), measured));
     }
+    let scene = &scenes[args.edit.len()];
     let done: Vec<_> = done.iter().map(|(name, m)| (*name, m)).collect();
     let image = frame.segments.image(&gpu)?;
     if let Some((out, format)) = args.out.as_deref().zip(format) {
-        let notes = notes(&scene, &gpu.report().name, frame.scene.lights.photons.into());
+        let notes = notes(scene, &gpu.report().name, frame.scene.lights.photons.into());
         make_folder(out)?;
         match format {
             Format::Exr => image.write_exr(out, &[], &notes)?,
@@ -70,8 +84,8 @@ pub fn run_edit(adapter: &AdapterChoice, args: &EditArgs) -> Result<()> {
     } else {
         none_differ(&done)?;
     }
-    if args.verify.as_deref() == Some("fresh") {
-        let differing = verify_fresh(&scene, &image, &gpu)?;
+    if is_fresh {
+        let differing = verify_fresh(scene, &image, &gpu)?;
         say(format_args!("another process, given the final scene: {differing} pixels differ"))?;
         ensure!(differing == 0, "the update differs from another process: this is a bug");
     }
@@ -83,7 +97,8 @@ fn verify_fresh(scene: &Scene, image: &film::Image, gpu: &Gpu) -> Result<u64> {
     let folder = tempfile::Builder::new().prefix("photogram-").tempdir();
     let folder = folder.map_err(|e| failed(&std::env::temp_dir(), "make a folder in", e))?;
     let (file, out) = (folder.path().join("final.toml"), folder.path().join("final.exr"));
-    std::fs::write(&file, scene.to_toml()).map_err(|e| failed(&file, "write", e))?;
+    std::fs::write(&file, scene.without_edits().to_toml())
+        .map_err(|e| failed(&file, "write", e))?;
     let adapter = gpu.report().index.to_string();
     let exe = std::env::current_exe().map_err(|e| failed(Path::new("this program"), "find", e))?;
     let run = std::process::Command::new(&exe)
@@ -102,7 +117,8 @@ fn percent(part: u64, whole: u64) -> f64 {
     100.0 * part as f64 / whole.max(1) as f64
 }
 
-fn edit_table(done: &[(&str, &Measured)]) -> Table {
+/// The figures of each edit, and what they warn of.
+fn edit_table(done: &[(&str, &Measured)]) -> String {
     let mut table = Table::new();
     table.load_style(presets::NOTHING).set_header([
         "edit",
@@ -135,7 +151,10 @@ fn edit_table(done: &[(&str, &Measured)]) -> Table {
         ]);
     }
     align_right(&mut table);
-    table
+    let warned = done.iter().map(|(name, m)| {
+        warnings(&format!("after `{name}` "), m.full_counts.clamped, m.entries_clamped)
+    });
+    format!("{table}\n{}", warned.collect::<String>())
 }
 
 fn edit_json(name: &str, m: &Measured) -> serde_json::Value {
@@ -159,6 +178,7 @@ fn edit_json(name: &str, m: &Measured) -> serde_json::Value {
         "visits": { "full": m.full_counts.visits(), "incremental": c.visits() },
         "counts": { "full": m.full_counts, "incremental": c },
         "time_ms": { "full": m.full, "incremental": m.incremental },
+        "entries_clamped": m.entries_clamped,
         "speedup": m.full.total / m.incremental.total,
         "verify": m.mismatches,
     })

@@ -33,6 +33,21 @@ pub fn check_places(paths: &[Option<&Path>]) -> Result<()> {
     Ok(paths.iter().flatten().try_for_each(film::check_writable)?)
 }
 
+/// What was clamped: light that a sum has no room for, and extinction. A line each, of `whom`.
+pub fn warnings(whom: &str, contributions: u64, entries: usize) -> String {
+    let mut text = String::new();
+    if contributions > 0 {
+        text += &format!("warning: {whom}{contributions} contributions were clamped\n");
+    }
+    if entries > 0 {
+        text += &format!(
+            "warning: {whom}the extinction of {entries} table entries was clamped at the majorant: \
+             raise `majorant` in the scene\n"
+        );
+    }
+    text
+}
+
 /// What a picture tells of how it came to be.
 pub fn notes(scene: &Scene, adapter: &str, photons: u64) -> Notes {
     let of = |key: &str, value: String| (key.to_owned(), value);
@@ -48,7 +63,7 @@ pub fn notes(scene: &Scene, adapter: &str, photons: u64) -> Notes {
         of("photons", photons.to_string()),
         of("rays", rays.to_string()),
     ];
-    Notes { scene: scene.to_toml(), provenance: provenance.into() }
+    Notes { scene: scene.without_edits().to_toml(), provenance: provenance.into() }
 }
 
 pub fn make_folder(file: &Path) -> Result<()> {

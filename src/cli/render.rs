@@ -8,7 +8,9 @@ use photogram::film::Format;
 use photogram::gpu::{AdapterChoice, Gpu};
 use photogram::render::{Rendered, Split, render};
 
-use super::{align_right, check_places, make_folder, notes, say, with_progress, write_json};
+use super::{
+    align_right, check_places, make_folder, notes, say, warnings, with_progress, write_json,
+};
 use crate::{RenderArgs, prepare};
 
 pub fn run_render(adapter: &AdapterChoice, args: &RenderArgs) -> Result<()> {
@@ -16,8 +18,12 @@ pub fn run_render(adapter: &AdapterChoice, args: &RenderArgs) -> Result<()> {
     let json = args.scene.json.as_deref();
     ensure!(json != Some(&args.out), "--json and -o name the same file");
     check_places(&[Some(&args.out), json])?;
-    let (mut scene, volume) = prepare(&args.scene)?;
-    for edit in &args.scene.edit {
+    let (mut scene, volume) = prepare(&args.scene, |settings| {
+        settings.method = args.method.unwrap_or(settings.method);
+        settings.rays = args.rays.unwrap_or(settings.rays);
+        settings.samples = args.samples.unwrap_or(settings.samples);
+    })?;
+    for edit in &args.edit {
         scene = scene.edited(edit)?;
     }
     scene.check_against(&volume)?;
@@ -56,16 +62,7 @@ fn summary(rendered: &Rendered) -> String {
     }
     let bytes = r.bytes.iter().map(|(name, n)| format!("{name} {:.1}", *n as f64 / 1048576.0));
     let _ = writeln!(text, "MiB: {}", bytes.collect::<Vec<_>>().join(", "));
-    if r.counts.clamped > 0 {
-        let _ = writeln!(text, "warning: {} contributions were clamped", r.counts.clamped);
-    }
-    if r.entries_clamped > 0 {
-        let _ = writeln!(
-            text,
-            "warning: the extinction of {} table entries was clamped at the majorant, {} per mm",
-            r.entries_clamped, r.majorant
-        );
-    }
+    text += &warnings("", r.counts.clamped, r.entries_clamped);
     let mut table = Table::new();
     table.load_style(presets::NOTHING).set_header(["stage", "ms", "dispatches"]);
     for row in &r.stages {

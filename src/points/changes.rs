@@ -120,6 +120,9 @@ impl Points {
         (dirty, counters): (&Dirty, &CounterBuffer),
         listed: &[Found],
     ) -> Result<()> {
+        if count(listed) > 0 && dirty.is_far([0.0; 3]) {
+            return dirty.mark_all(gpu);
+        }
         for (moved, list) in listed {
             let mut bindings = dirty.bindings();
             bindings.push(("point_places", (&moved.places).into()));

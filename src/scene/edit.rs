@@ -89,6 +89,11 @@ impl Scene {
         Ok(scene)
     }
 
+    /// The scene as it stands, without the edits that it lists: what was made may not be made again.
+    pub fn without_edits(&self) -> Self {
+        Self { edits: Vec::new(), ..self.clone() }
+    }
+
     /// Makes an edit. The majorant and the flux unit stay as they are.
     ///
     /// # Errors

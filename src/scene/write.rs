@@ -7,7 +7,9 @@ use super::*;
 
 impl Scene {
     /// The scene as TOML. Reading it gives an equal scene, wherever the text is kept: the
-    /// volume's path is absolute. A majorant and a flux unit that were derived are written.
+    /// volume's path is absolute. A majorant and a flux unit that were derived are written. Where
+    /// edits were made, write the scene [without them](Self::without_edits): what an edit has
+    /// added or removed, the reader would refuse to see added or removed again.
     pub fn to_toml(&self) -> String {
         let mut w = Writer(String::new());
         w.put("name", self.name.as_str());

@@ -9,7 +9,7 @@ use crate::photon::PhotonParams;
 use crate::query::Query;
 use crate::render::{Progress, Split};
 use crate::scene::{Estimator, Scene, Settings};
-use crate::segment::{LightField, SegmentMap};
+use crate::segment::{LightField, SegmentMap, camera_params};
 use crate::transfer::Table;
 
 impl PhotonFrame {
@@ -49,6 +49,7 @@ impl PhotonFrame {
             return Err(not_isotropic());
         }
         let lights = Lights::of(scene, &self.scene.local_from_world)?;
+        camera_params(&scene.camera, &self.scene.local_from_world)?;
         let result = self.apply(gpu, scene, (table, lights), split);
         if result.is_err() {
             (self.fresh, self.pending) = (true, true);
@@ -101,11 +102,6 @@ impl PhotonFrame {
         self.map.arrange(gpu, &self.scene.lights, &light_ids(scene))?;
         let moved = self.segments.look(scene, &self.scene)?;
         if !suits {
-            self.map.respecialise(gpu, &self.scene)?;
-            if let LightField::Points(points) = &mut self.field {
-                points.respecialise(gpu, &self.scene)?;
-            }
-            self.segments.respecialise(gpu, &self.scene, &self.field)?;
             self.restart();
             return Ok(Scope::Everything(
                 "the scene is the first or the last with emission or anisotropic scattering: \

@@ -203,8 +203,7 @@ impl PhotonFrame {
         if self.pending {
             if rebuilds {
                 self.counters.clear(gpu)?;
-                // An edit may have failed before every light had its batches.
-                self.map.arrange(gpu, &self.scene.lights, &light_ids(&self.source))?;
+                self.suit(gpu)?;
                 self.restart();
             }
             gpu.enter(PHOTONS);
@@ -233,6 +232,18 @@ impl PhotonFrame {
             (done.counts.invalid, done.counts.changed) = (done.photons, done.photons);
         }
         Ok(done)
+    }
+
+    /// Has batches for every light, the view and the kernels that suit the scene: an edit may have
+    /// failed before it saw to them.
+    fn suit(&mut self, gpu: &Gpu) -> Result<()> {
+        self.map.arrange(gpu, &self.scene.lights, &light_ids(&self.source))?;
+        self.segments.look(&self.source, &self.scene)?;
+        self.map.respecialise(gpu, &self.scene)?;
+        if let LightField::Points(points) = &mut self.field {
+            points.respecialise(gpu, &self.scene)?;
+        }
+        self.segments.respecialise(gpu, &self.scene, &self.field)
     }
 
     /// Lists the photons that are to be traced or weighed again; returns what that counted.
@@ -371,7 +382,9 @@ impl PhotonFrame {
                     let map = &mut self.map;
                     fluence.sum_all(gpu, &self.scene, map, &self.counters, progress)?;
                 }
-                fluence.resolve(gpu, &self.dirty, &self.counters).map(|()| 0)
+                // All segments of a rebuild are computed, whatever is marked.
+                let dirty = (&self.dirty, !self.fresh);
+                fluence.resolve(gpu, dirty, &self.counters).map(|()| 0)
             }
         }
     }
