@@ -5,14 +5,15 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufReader, BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::io::BufReader;
+use std::path::Path;
 
 use exr::prelude as exr;
 use exr::{AnyChannel, AnyChannels, AttributeValue, FlatSamples, Text};
 use exr::{ReadChannels as _, ReadLayers as _, ReadSpecificChannel as _, WritableImage as _};
 
 use crate::error::{Error, Result};
+use crate::files::write_whole;
 use crate::scene::{Curve, FilmSettings};
 
 /// A linear RGB image, row by row; row 0 is the top and column 0 the left as the viewer
@@ -273,53 +274,6 @@ pub fn srgb(linear: f32) -> f32 {
         true => 12.92 * linear,
         false => 1.055 * linear.powf(1.0 / 2.4) - 0.055,
     }
-}
-
-/// Refuses a path that could not be written, its folders made where they are missing.
-/// Worth asking before a long render; leaves nothing behind.
-///
-/// # Errors
-/// [`Error::Io`] where it is a folder, or the nearest folder there is takes no files.
-pub fn check_writable(path: impl AsRef<Path>) -> Result<()> {
-    let path = path.as_ref();
-    let failed = |source| Error::Io { path: path.into(), action: "write", source };
-    if path.is_dir() {
-        return Err(failed(std::io::ErrorKind::IsADirectory.into()));
-    }
-    let above = path.ancestors().skip(1);
-    let folder = above.into_iter().find(|a| a.exists()).unwrap_or(Path::new(""));
-    let probe = part_of(&folder.join("probe"));
-    File::create(&probe).and_then(|_| std::fs::remove_file(&probe)).map_err(failed)
-}
-
-/// Writes a file beside its place and moves it there when it is whole.
-///
-/// # Errors
-/// [`Error::Io`], and what `write` says; the place is then as it was before.
-pub fn write_whole(
-    path: &Path,
-    write: impl FnOnce(&mut BufWriter<File>) -> Result<()>,
-) -> Result<()> {
-    let failed = |source| Error::Io { path: path.into(), action: "write", source };
-    let part = part_of(path);
-    let attempt = || {
-        let mut file = BufWriter::new(File::create(&part).map_err(failed)?);
-        write(&mut file)?;
-        file.flush().map_err(failed)?;
-        std::fs::rename(&part, path).map_err(failed)
-    };
-    attempt().inspect_err(|_| {
-        // The first error is the one to tell.
-        let _ = std::fs::remove_file(&part);
-    })
-}
-
-/// A name beside `path` that no other process uses.
-fn part_of(path: &Path) -> PathBuf {
-    let mut name = std::ffi::OsString::from(".");
-    name.push(path.file_name().unwrap_or_default());
-    name.push(format!(".{}.part", std::process::id()));
-    path.with_file_name(name)
 }
 
 fn open(path: &Path) -> Result<BufReader<File>> {

@@ -12,6 +12,7 @@ pub mod counter;
 pub mod demo;
 pub mod dirty;
 pub mod error;
+pub mod files;
 pub mod film;
 pub mod fluence;
 pub mod frame;

@@ -53,6 +53,16 @@ pub struct Mismatches {
     pub pixel_mismatches: u64,
 }
 
+impl Mismatches {
+    /// All together.
+    pub fn all(&self) -> u64 {
+        self.photon_mismatches
+            + self.field_mismatches
+            + self.segment_mismatches
+            + self.pixel_mismatches
+    }
+}
+
 /// One edit, as an update and as a full rebuild.
 #[derive(Clone, Debug)]
 pub struct Measured {

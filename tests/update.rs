@@ -16,7 +16,10 @@ use photogram::update::{PhotonFrame, Scope, Updated};
 
 /// Edits of the random sequences; `PHOTOGRAM_SOAK` asks for more.
 fn edits_wanted() -> usize {
-    std::env::var("PHOTOGRAM_SOAK").ok().and_then(|n| n.parse().ok()).unwrap_or(1000)
+    match std::env::var("PHOTOGRAM_SOAK") {
+        Ok(text) => text.parse().expect("PHOTOGRAM_SOAK is a number of edits"),
+        Err(_) => 1000,
+    }
 }
 
 #[test]
@@ -56,8 +59,7 @@ fn random_edits_of_random_scenes_leave_what_a_rebuild_leaves() {
                 }
                 _ => {
                     earlier.push(scene.clone());
-                    random_edit(&mut scene, class, &mut dice, &home);
-                    class
+                    random_edit(&mut scene, class, &mut dice, &home)
                 }
             };
             earlier.truncate(6);

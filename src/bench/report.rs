@@ -7,7 +7,7 @@ use plotters::prelude::*;
 use serde_json::{Value, json};
 
 use crate::error::{Error, Result};
-use crate::film::write_whole;
+use crate::files::write_whole;
 use crate::gpu::Gpu;
 
 /// Rows of figures.
@@ -172,6 +172,8 @@ pub struct Report {
     pub scale: String,
     /// Runs of each measurement.
     pub runs: usize,
+    /// What updates left that a rebuild would not have, where they are to be exact.
+    pub mismatches: u64,
     /// What must be said beside the figures.
     pub notes: Vec<String>,
     /// The figures.
@@ -189,6 +191,7 @@ impl Report {
             clock: if gpu.has_timestamps() { "device timestamps" } else { "host clock" },
             scale: effort.scale.to_string(),
             runs: effort.runs,
+            mismatches: 0,
             notes: Vec::new(),
             sheets: Vec::new(),
             charts: Vec::new(),

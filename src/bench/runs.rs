@@ -16,7 +16,8 @@ const WARM_UP: Duration = Duration::from_millis(200);
 /// All runs of one of the steps.
 #[derive(Default)]
 pub(super) struct Runs {
-    /// What the first did: later updates may meet tighter histories.
+    /// What the last did. The first update may meet wider histories than those whose times are the
+    /// medians.
     pub updated: Updated,
     costs: Vec<Cost>,
 }
@@ -57,13 +58,11 @@ pub(super) fn in_turn<const N: usize>(
     mut steps: [&mut dyn FnMut() -> Result<(Updated, Cost)>; N],
 ) -> Result<[Runs; N]> {
     let mut all = [(); N].map(|()| Runs::default());
-    for run in 0..runs {
+    for _ in 0..runs {
         for (step, done) in steps.iter_mut().zip(&mut all) {
             let (updated, cost) = step()?;
             done.costs.push(cost);
-            if run == 0 {
-                done.updated = updated;
-            }
+            done.updated = updated;
         }
     }
     Ok(all)

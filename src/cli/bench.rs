@@ -1,6 +1,6 @@
 //! `bench`: measurements, as tables here and as files.
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use comfy_table::{Table, presets};
 use photogram::bench::{self, Effort, Sheet};
 use photogram::gpu::{AdapterChoice, Gpu};
@@ -31,7 +31,10 @@ pub fn run_bench(adapter: &AdapterChoice, args: &BenchArgs) -> Result<()> {
     report.notes.iter().try_for_each(say)?;
     make_folder(&args.out.join("x"))?;
     report.write(&args.out)?.iter().try_for_each(|path| say(path.display()))?;
-    args.json.as_deref().map_or(Ok(()), |path| write_json(path, &report.json()))
+    args.json.as_deref().map_or(Ok(()), |path| write_json(path, &report.json()))?;
+    let wrong = report.mismatches;
+    ensure!(wrong == 0, "updates differ from rebuilds in {wrong} places: this is a bug");
+    Ok(())
 }
 
 fn table(sheet: &Sheet) -> Table {

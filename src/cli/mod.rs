@@ -10,7 +10,8 @@ use std::path::Path;
 
 use anyhow::Result;
 use comfy_table::{CellAlignment, Table};
-use photogram::film::{self, Notes};
+use photogram::files;
+use photogram::film::Notes;
 use photogram::render::Progress;
 use photogram::scene::{Method, Scene};
 
@@ -23,14 +24,14 @@ pub fn align_right(table: &mut Table) {
 pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<()> {
     let text = serde_json::to_string_pretty(value)?;
     make_folder(path)?;
-    Ok(film::write_whole(path, |file| {
+    Ok(files::write_whole(path, |file| {
         writeln!(file, "{text}").map_err(|e| failed(path, "write", e))
     })?)
 }
 
 /// Refuses, before the work, output paths that it could not be written to after it.
 pub fn check_places(paths: &[Option<&Path>]) -> Result<()> {
-    Ok(paths.iter().flatten().try_for_each(film::check_writable)?)
+    Ok(paths.iter().flatten().try_for_each(files::check_writable)?)
 }
 
 /// What was clamped: light that a sum has no room for, and extinction. A line each, of `whom`.

@@ -376,6 +376,12 @@ impl Points {
         (17 * slots + 2 * 17 * points) / 4 + slots / 8 + (16 + 8) * points + 2 * self.bytes()
     }
 
+    /// Bytes of the histories of means.
+    pub fn history_bytes(&self) -> u64 {
+        let all = self.tables.iter().map(|table| table.part.mean_histories.size());
+        if self.even && self.history { all.sum() } else { 0 }
+    }
+
     /// Bytes of the points and their tables.
     pub fn bytes(&self) -> u64 {
         self.tables.iter().map(Table::bytes).sum()

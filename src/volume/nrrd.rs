@@ -6,10 +6,9 @@
 //! voxel 0 lies at 0.
 
 use std::collections::HashMap;
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::{self, BufRead, BufReader, BufWriter, Read, Write};
 use std::path::Path;
-use std::sync::atomic::{AtomicU32, Ordering};
 
 use flate2::Compression;
 use flate2::bufread::MultiGzDecoder;
@@ -18,6 +17,7 @@ use glam::{DMat3, DVec3};
 
 use super::{Found, Kind, Volume, Voxels, read_elements, spacing_and_axes};
 use crate::error::{Error, Result};
+use crate::files::write_whole;
 
 /// No honest header is longer, bytes.
 const HEADER_LIMIT: u64 = 1 << 20;
@@ -309,32 +309,17 @@ fn numbers(line: usize, texts: &[&str]) -> Found<DVec3> {
 /// # Errors
 /// [`Error::Io`] where it cannot be written; an existing file is then as it was.
 pub fn write(volume: &Volume, path: &Path) -> Result<()> {
-    static SERIAL: AtomicU32 = AtomicU32::new(0);
-    let io = |source| Error::Io { path: path.into(), action: "write", source };
-    let Some(name) = path.file_name() else {
-        return Err(io(io::Error::new(io::ErrorKind::InvalidInput, "not the name of a file")));
-    };
-    let serial = SERIAL.fetch_add(1, Ordering::Relaxed);
-    let part = path.with_file_name(format!(
-        ".{}.{}-{serial}.part",
-        name.to_string_lossy(),
-        std::process::id()
-    ));
-    write_to(volume, &part).and_then(|()| fs::rename(&part, path)).map_err(|source| {
-        // The first failure is the one to tell.
-        let _ = fs::remove_file(&part);
-        io(source)
-    })
+    let failed = |source| Error::Io { path: path.into(), action: "write", source };
+    write_whole(path, |file| write_to(volume, file).map_err(failed))
 }
 
-fn write_to(volume: &Volume, path: &Path) -> io::Result<()> {
+fn write_to(volume: &Volume, file: &mut BufWriter<File>) -> io::Result<()> {
     let integer = integer_kind(volume);
     let kind = integer.map_or(Kind::F32, |(kind, _)| kind);
     let (_, names) = TYPES.iter().find(|(k, _)| *k == kind).expect("every kind has a name");
     let [ni, nj, nk] = volume.size();
     let vector = |v: DVec3| format!("({},{},{})", v.x, v.y, v.z);
     let columns = volume.axes() * DMat3::from_diagonal(volume.spacing());
-    let mut file = BufWriter::new(File::create(path)?);
     write!(
         file,
         "NRRD0004\ntype: {}\ndimension: 3\nspace: left-posterior-superior\nsizes: {ni} {nj} {nk}\n\
@@ -364,7 +349,7 @@ fn write_to(volume: &Volume, path: &Path) -> io::Result<()> {
             out.write_all(&row)?;
         }
     }
-    out.finish()?.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()
+    out.finish().map(|_| ())
 }
 
 /// The integer type that gives the volume's storage back when it is read, with

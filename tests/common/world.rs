@@ -98,7 +98,7 @@ impl Dice {
     }
 }
 
-pub const CLASSES: [&str; 16] = [
+pub const CLASSES: [&str; 17] = [
     "denser",
     "thinner",
     "transparent",
@@ -110,6 +110,7 @@ pub const CLASSES: [&str; 16] = [
     "added",
     "emission",
     "phase",
+    "scatter",
     "light power",
     "light moved",
     "light gone or back",
@@ -203,7 +204,7 @@ pub fn random_world(dice: &mut Dice) -> (Scene, Volume) {
     scene.settle(&volume);
     // Sums of more than one word.
     scene.settings.flux_unit =
-        scene.settings.flux_unit.map(|unit| unit * 0.5_f64.powi(4 + dice.below(10) as i32));
+        scene.settings.flux_unit.map(|unit| unit * 0.5_f64.powi(6 + dice.below(10) as i32));
     (scene, volume)
 }
 
@@ -243,13 +244,24 @@ fn shift(material: &mut Material, spans: f64) {
     material.ramp.iter_mut().for_each(|p| p[0] += spans * (ends.1 - ends.0));
 }
 
-/// One random edit of the given class.
-pub fn random_edit(scene: &mut Scene, class: &str, dice: &mut Dice, home: &Scene) {
+/// One random edit of the given class, or of one that the scene knows; returns which.
+pub fn random_edit(
+    scene: &mut Scene,
+    class: &'static str,
+    dice: &mut Dice,
+    home: &Scene,
+) -> &'static str {
+    // The fluence knows isotropic scattering only.
+    let class = match (class, scene.settings.estimator) {
+        ("phase" | "scatter", Some(Estimator::Points)) => "phase",
+        ("phase", _) => "scatter",
+        _ => class,
+    };
     let m = dice.below(scene.materials.len().max(1));
     let light = dice.below(scene.lights.len());
     if scene.materials.is_empty() {
         scene.materials = home.materials.clone();
-        return;
+        return "added";
     }
     let material = &mut scene.materials[m];
     match class {
@@ -274,11 +286,8 @@ pub fn random_edit(scene: &mut Scene, class: &str, dice: &mut Dice, home: &Scene
         "emission" => {
             material.emission = DVec3::new(0.02, 0.0, 0.01) * dice.unit() * dice.below(2) as f64;
         }
-        // The fluence knows isotropic scattering only.
-        "phase" if scene.settings.estimator == Some(Estimator::Points) => {
-            material.phase_g = 1.6 * (dice.unit() - 0.5) * dice.below(2) as f64;
-        }
-        "phase" => material.scatter = dice.unit(),
+        "phase" => material.phase_g = 1.6 * (dice.unit() - 0.5) * dice.below(2) as f64,
+        "scatter" => material.scatter = dice.unit(),
         "light power" => scene.lights[light].emitted *= DVec3::new(0.5, 1.5, dice.unit()),
         "light moved" => {
             let by = DVec3::new(dice.unit(), dice.unit(), dice.unit()) - 0.5;
@@ -296,4 +305,5 @@ pub fn random_edit(scene: &mut Scene, class: &str, dice: &mut Dice, home: &Scene
         "background" => scene.background = DVec3::splat(dice.unit()),
         _ => scene.camera.fov_deg *= 0.95 + 0.1 * dice.unit(),
     }
+    class
 }
