@@ -14,14 +14,15 @@ struct CompositeParams {
     weight: f32,        // of this ray in the film
     fresh: u32,         // 1: the film begins with this ray
     scale: f32,         // of integer sums
+    all: u32,           // 1: all pixels, not only those that were touched
     pad0: u32,
     pad1: u32,
-    pad2: u32,
 }
 
 @group(0) @binding(8) var<uniform> params: CompositeParams;
 @group(0) @binding(9) var<storage, read> segment_words: array<u32>;
 @group(0) @binding(10) var<storage, read_write> film: array<vec4<f32>>;
+@group(0) @binding(11) var<storage, read> touched: array<u32>; // a bit for each pixel
 
 @if(points) const WORDS: u32 = SUM_WORDS;
 @if(!points) const WORDS: u32 = 6u;
@@ -47,6 +48,7 @@ fn main(
 ) {
     let pixel = item_index(group, groups, local);
     if pixel >= params.pixels { return; }
+    if params.all == 0u && extractBits(touched[pixel / 32u], pixel % 32u, 1u) == 0u { return; }
     var colour = vec3<f32>(0.0);
     var through = 1.0;
     for (var s = 0u; s < params.segments; s++) {

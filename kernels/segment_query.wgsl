@@ -13,6 +13,8 @@ import package::shared::walk::{walk_begin, walk_leave, walk_step};
 
 @group(0) @binding(8) var<uniform> params: SegmentParams;
 @group(0) @binding(9) var<storage, read> segment_words: array<u32>;
+// A bit for each pixel that has a segment which is listed.
+@group(0) @binding(10) var<storage, read_write> pixels: array<atomic<u32>>;
 
 // Where all is empty no light is looked up, whatever changed there.
 fn is_vacant(block: vec3<i32>) -> bool {
@@ -89,13 +91,15 @@ fn main(
     if item >= params.items { return; }
     let layer = item / params.pixels * SEGMENTS_AT_ONCE;
     let several = min(params.segments - layer, SEGMENTS_AT_ONCE);
-    let first = layer * params.pixels + item % params.pixels;
+    let pixel = item % params.pixels;
+    let first = layer * params.pixels + pixel;
     let read = reading(first, several);
     var touched = 0u;
     if (params.which & LIST_READ) != 0u { touched = read; }
     if (params.which & LIST_LIT) != 0u {
         touched |= seeing_change(span_of(params, first), several, read) & ~read;
     }
+    if touched != 0u { atomicOr(&pixels[pixel / 32u], 1u << (pixel % 32u)); }
     while touched != 0u {
         let k = firstTrailingBit(touched);
         touched &= touched - 1u;

@@ -93,12 +93,12 @@ shared_struct! {
         pub fresh: u32,
         /// Scale of the integer sums.
         pub scale: f32,
+        /// 1 where all pixels are put together, not only those that were touched.
+        pub all: u32,
         /// Keeps the size a multiple of 16.
         pub pad0: u32,
         /// The same.
         pub pad1: u32,
-        /// The same.
-        pub pad2: u32,
     }
 }
 
@@ -180,6 +180,8 @@ struct Band {
     rows: u32,
     segments: wgpu::Buffer,
     list: WorkList,
+    /// A bit for each pixel: one of its segments was listed since they were put together.
+    touched: wgpu::Buffer,
     /// Nothing was computed since the camera moved.
     fresh: bool,
 }
@@ -205,6 +207,8 @@ pub struct SegmentMap {
     strata: [u32; 2],
     bands: Vec<Band>,
     film: wgpu::Buffer,
+    /// The background that the film has.
+    painted: Option<[f32; 3]>,
     segment: Arc<Kernel>,
     query: Arc<Kernel>,
     composite: Arc<Kernel>,
@@ -252,13 +256,14 @@ impl SegmentMap {
         let mut bands = Vec::new();
         for first_row in (0..camera.height).step_by(rows as usize) {
             let rows = rows.min(camera.height - first_row);
-            let count = rows * row as u32;
+            let (count, pixels) = (rows * row as u32, rows * camera.width);
             let segments = gpu.buffer::<u32>("segments", count as usize * stride)?;
             bands.push(Band {
                 first_row,
                 rows,
                 segments,
                 list: WorkList::new(gpu, count)?,
+                touched: gpu.buffer::<u32>("touched pixels", pixels.div_ceil(32) as usize)?,
                 fresh: true,
             });
         }
@@ -282,6 +287,7 @@ impl SegmentMap {
             strata: strata(rays),
             bands,
             film: gpu.buffer::<[f32; 4]>("film", pixels)?,
+            painted: None,
             segment: segment_kernel(gpu, device, field)?,
             query: gpu.kernel("segment_query", &[])?,
             composite: gpu.kernel(
@@ -348,8 +354,10 @@ impl SegmentMap {
         let total = u64::from(rays) * u64::from(self.params.height);
         let mut parts = self.parts(stage);
         let (mut recomputed, mut corrected) = (0, 0);
+        let repaints = self.painted != Some(self.background);
         for ray in 0..rays {
             for i in 0..self.bands.len() {
+                let all = repaints || self.bands[i].fresh || rays > 1;
                 // Between rays a band holds another ray's segments.
                 if self.bands[i].fresh || rays > 1 {
                     self.bands[i].list.fill(gpu.stage("list"), split.shuffle)?;
@@ -367,12 +375,13 @@ impl SegmentMap {
                     recomputed += self.gather(stage, (i, ray), &mut parts)?;
                 }
                 let band = &self.bands[i];
-                self.composite(gpu, band, ray, rays)?;
+                self.composite(gpu, band, (ray, rays), all)?;
                 let rows = u64::from(ray * self.params.height + band.first_row + band.rows);
                 progress.at("segment", rows, total);
             }
         }
         self.bands.iter_mut().for_each(|band| band.fresh = false);
+        self.painted = Some(self.background);
         let segments = [recomputed + corrected, corrected, u64::from(rays) * self.count()];
         Ok((segments, self.counted.get()))
     }
@@ -411,6 +420,7 @@ impl SegmentMap {
         bindings.extend([
             ("segment_words", (&band.segments).into()),
             ("marks", (&band.list.marks).into()),
+            ("pixels", (&band.touched).into()),
             ("counters", stage.counters.buffer().into()),
         ]);
         let mut dispatch = stage.gpu.stage("segment_query");
@@ -522,7 +532,8 @@ impl SegmentMap {
         Ok(())
     }
 
-    fn composite(&self, gpu: &Gpu, band: &Band, ray: u32, rays: u32) -> Result<()> {
+    /// Puts the segments of a band's pixels together: of `all`, or of those that were touched.
+    fn composite(&self, gpu: &Gpu, band: &Band, (ray, rays): (u32, u32), all: bool) -> Result<()> {
         let params = CompositeParams {
             background: self.background,
             pixels: band.rows * self.params.width,
@@ -531,11 +542,17 @@ impl SegmentMap {
             weight: 1.0 / rays as f32,
             fresh: u32::from(ray == 0),
             scale: self.params.scale,
+            all: all.into(),
             ..Default::default()
         };
-        let bindings = [("segment_words", (&band.segments).into()), ("film", (&self.film).into())];
+        let bindings = [
+            ("segment_words", (&band.segments).into()),
+            ("film", (&self.film).into()),
+            ("touched", (&band.touched).into()),
+        ];
         let mut stage = gpu.stage("composite");
         stage.dispatch(&self.composite, params.pixels.into(), &bindings, &params)?;
+        stage.clear(&band.touched);
         stage.finish()
     }
 
@@ -581,7 +598,7 @@ impl SegmentMap {
 
     /// Bytes of the work lists.
     pub fn list_bytes(&self) -> u64 {
-        self.bands.iter().map(|band| band.list.bytes()).sum()
+        self.bands.iter().map(|band| band.list.bytes() + band.touched.size()).sum()
     }
 
     /// Bytes of a segment.
