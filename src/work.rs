@@ -208,10 +208,22 @@ fn shuffled(mut items: Vec<u32>, seed: Option<u64>) -> Vec<u32> {
 /// # Errors
 /// The device failed.
 pub fn fill(gpu: &Gpu, stage: &'static str, buffer: &wgpu::Buffer, pattern: &[u32]) -> Result<()> {
+    fill_first(gpu, stage, (buffer, (buffer.size() / 4) as u32), pattern)
+}
+
+/// Fills the first `count` words of a buffer with a repeating pattern of at most eight.
+///
+/// # Errors
+/// The device failed.
+pub fn fill_first(
+    gpu: &Gpu,
+    stage: &'static str,
+    (buffer, count): (&wgpu::Buffer, u32),
+    pattern: &[u32],
+) -> Result<()> {
     let mut words = [0; 8];
     words[..pattern.len()].copy_from_slice(pattern);
     let [a, b, c, d, e, f, g, h] = words;
-    let count = (buffer.size() / 4) as u32;
     let period = pattern.len() as u32;
     let params =
         FillParams { low: [a, b, c, d], high: [e, f, g, h], period, count, ..Default::default() };

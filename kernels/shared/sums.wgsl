@@ -5,7 +5,11 @@ import package::constants::{GROUP, SCAN_BLOCK};
 const EACH: u32 = SCAN_BLOCK / GROUP;
 
 var<workgroup> total: atomic<u32>;
+// Threads of a row, of which a group has as many.
+const ROW: u32 = 8u;
+
 var<workgroup> totals: array<u32, GROUP>;
+var<workgroup> rows: array<u32, ROW>;
 
 // What all threads have.
 fn sum_of_all(own: u32) -> u32 {
@@ -14,16 +18,16 @@ fn sum_of_all(own: u32) -> u32 {
     return atomicLoad(&total);
 }
 
-// What the threads before this one have.
+// What the threads before this one have: those of its row, and the rows before. Few barriers: a
+// software adapter takes longer for one than for all that is added.
 fn sum_before(local: u32, own: u32) -> u32 {
+    let row = local / ROW;
     totals[local] = own;
     workgroupBarrier();
-    for (var reach = 1u; reach < GROUP; reach *= 2u) {
-        var before = 0u;
-        if local >= reach { before = totals[local - reach]; }
-        workgroupBarrier();
-        totals[local] += before;
-        workgroupBarrier();
-    }
-    return totals[local] - own;
+    var before = 0u;
+    for (var i = row * ROW; i < local; i++) { before += totals[i]; }
+    if local % ROW == ROW - 1u { rows[row] = before + own; }
+    workgroupBarrier();
+    for (var i = 0u; i < row; i++) { before += rows[i]; }
+    return before;
 }

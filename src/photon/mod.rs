@@ -28,7 +28,7 @@ use crate::gpu::run::{Bindings, Pace, Stage};
 use crate::light::Lights;
 use crate::render::{Progress, Split};
 use crate::scene::Settings;
-use crate::work::{WorkList, fill};
+use crate::work::{WorkList, fill, fill_first};
 
 /// Bytes of a photon slot.
 pub const SLOT_BYTES: u64 = 32;
@@ -178,15 +178,19 @@ impl Batch {
         ]
     }
 
-    /// Marks every slot as never computed.
+    /// Marks every photon as never computed, which its first slot tells.
     ///
     /// # Errors
     /// The device failed.
     pub fn forget(&mut self, gpu: &Gpu) -> Result<()> {
         (self.any_moved, self.any_repowered) = (true, true);
         fill(gpu, "forget", &self.moved, &[u32::MAX])?;
-        fill(gpu, "forget", &self.places, &[0])?;
-        fill(gpu, "forget", &self.states, &NEVER)
+        let mut stage = gpu.stage("forget");
+        stage.clear(&self.places);
+        stage.clear(&self.states);
+        stage.finish()?;
+        let first = self.photons * NEVER.len() as u32;
+        fill_first(gpu, "forget", (&self.states, first), &NEVER)
     }
 
     /// The light field knows all slots as they are.
