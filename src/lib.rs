@@ -8,6 +8,7 @@
 //! tracer that everything is judged by, with [`metrics`].
 
 pub mod bench;
+pub mod composite;
 pub mod counter;
 pub mod demo;
 pub mod dirty;
@@ -18,6 +19,7 @@ pub mod fluence;
 pub mod frame;
 pub mod gpu;
 pub mod light;
+pub mod light_field;
 pub mod measure;
 pub mod metrics;
 pub mod photon;

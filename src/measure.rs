@@ -8,9 +8,10 @@ use crate::film::Image;
 use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
 use crate::gpu::run::{Timing, milliseconds};
+use crate::light_field::LightField;
 use crate::render::{Progress, Split};
 use crate::scene::Scene;
-use crate::segment::{LightField, Segment};
+use crate::segment::Segment;
 use crate::update::{Phases, PhotonFrame, Scope, Updated};
 use crate::volume::Volume;
 

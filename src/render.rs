@@ -8,10 +8,10 @@ use crate::film::Image;
 use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
 use crate::gpu::run::{Timing, milliseconds};
+use crate::light_field::LightField;
 use crate::photon::SLOT_BYTES;
 use crate::reference::Reference;
 use crate::scene::{Method, Scene};
-use crate::segment::LightField;
 use crate::update::PhotonFrame;
 use crate::volume::Volume;
 

@@ -1,4 +1,4 @@
-//! View-ray segments, in screen bands, and their composite.
+//! View-ray segments, in screen bands.
 //!
 //! A ray is cut into V_n uniform segments between its entry to the volume's bounds and
 //! its exit; each has its own light, transmittance and history. Its light is a colour, 24
@@ -11,17 +11,17 @@ use std::sync::Arc;
 
 use glam::{DAffine3, Vec3};
 
+use crate::composite::{Composite, CompositeParams};
 use crate::counter::{CounterBuffer, Counters};
 use crate::dirty::Dirty;
 use crate::error::{Error, Result};
 use crate::film::Image;
-use crate::fluence::Fluence;
 use crate::frame::{DeviceScene, words};
 use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
-use crate::gpu::run::{Bindings, Pace, Stage};
-use crate::points::Points;
+use crate::gpu::run::{Pace, Stage};
+use crate::light_field::{LightField, Run};
 use crate::render::{CONTRIBUTION, Progress, Split};
 use crate::scene::{Camera, Scene};
 use crate::work::WorkList;
@@ -76,32 +76,6 @@ shared_struct! {
     }
 }
 
-shared_struct! {
-    /// What the composite kernel is told.
-    pub struct CompositeParams {
-        /// Radiance behind the volume.
-        pub background: [f32; 3],
-        /// Pixels of the band.
-        pub pixels: u32,
-        /// The band's first pixel in the film.
-        pub first_pixel: u32,
-        /// Segments of a ray.
-        pub segments: u32,
-        /// Weight of this ray in the film.
-        pub weight: f32,
-        /// 1 where the film begins with this ray.
-        pub fresh: u32,
-        /// Scale of the integer sums.
-        pub scale: f32,
-        /// 1 where all pixels are put together, not only those that were touched.
-        pub all: u32,
-        /// Keeps the size a multiple of 16.
-        pub pad0: u32,
-        /// The same.
-        pub pad1: u32,
-    }
-}
-
 /// Lists the segments that read an entry that changed.
 pub const LIST_READ: u32 = 1;
 /// Lists the others that see light that changed.
@@ -121,32 +95,6 @@ const MAX_PARTS: u32 = 1 << 12;
 /// (two words); with the points light field the light is the low words of integer sums, and
 /// two more words hold what is above them.
 pub type Segment = [u32; 8];
-
-/// The light field that segments read.
-pub enum LightField {
-    /// Photons in the buckets of a grid.
-    Points(Box<Points>),
-    /// The fluence grid.
-    Fluence(Box<Fluence>),
-}
-
-/// Points that are gathered together.
-pub struct Run<'a> {
-    /// By the names that the segment kernel gives them.
-    pub bindings: Bindings<'a>,
-    /// How many points.
-    pub points: u32,
-}
-
-impl LightField {
-    /// See [`Points::changes`].
-    fn changes(&self) -> Option<Vec<Run<'_>>> {
-        match self {
-            Self::Points(points) => points.changes(),
-            Self::Fluence(_) => None,
-        }
-    }
-}
 
 /// The camera's part of the parameters, in the volume's frame.
 ///
@@ -203,15 +151,11 @@ pub struct SegmentStage<'a> {
 /// All segments of an image, and its film.
 pub struct SegmentMap {
     params: SegmentParams,
-    background: [f32; 3],
     strata: [u32; 2],
     bands: Vec<Band>,
-    film: wgpu::Buffer,
-    /// The background that the film has.
-    painted: Option<[f32; 3]>,
+    composite: Composite,
     segment: Arc<Kernel>,
     query: Arc<Kernel>,
-    composite: Arc<Kernel>,
     gather_pace: Pace,
     correct_pace: Pace,
     /// What was counted, as it was read last.
@@ -275,7 +219,6 @@ impl SegmentMap {
             let typical = photon / ball / (4.0 * std::f64::consts::PI) * f64::from(spacing);
             scale = (CONTRIBUTION / typical) as f32;
         }
-        let pixels = camera.width as usize * camera.height as usize;
         Ok(Self {
             params: SegmentParams {
                 segments: settings.segments,
@@ -283,17 +226,11 @@ impl SegmentMap {
                 stride: stride as u32,
                 ..camera_params(camera, &device.local_from_world)?
             },
-            background: scene.background.as_vec3().to_array(),
             strata: strata(rays),
             bands,
-            film: gpu.buffer::<[f32; 4]>("film", pixels)?,
-            painted: None,
+            composite: Composite::new(gpu, scene, field)?,
             segment: segment_kernel(gpu, device, field)?,
             query: gpu.kernel("segment_query", &[])?,
-            composite: gpu.kernel(
-                "composite",
-                if matches!(field, LightField::Points(_)) { &["points"] } else { &[] },
-            )?,
             gather_pace: Pace::new(1 << 12),
             correct_pace: Pace::new(1 << 12),
             counted: Cell::default(),
@@ -319,7 +256,7 @@ impl SegmentMap {
     /// # Errors
     /// The camera is not placed yet.
     pub fn look(&mut self, scene: &Scene, device: &DeviceScene) -> Result<bool> {
-        self.background = scene.background.as_vec3().to_array();
+        self.composite.background = scene.background.as_vec3().to_array();
         let camera = camera_params(&scene.camera, &device.local_from_world)?;
         let SegmentParams { segments, scale, stride, .. } = self.params;
         let params = SegmentParams { segments, scale, stride, ..camera };
@@ -354,7 +291,7 @@ impl SegmentMap {
         let total = u64::from(rays) * u64::from(self.params.height);
         let mut parts = self.parts(stage);
         let (mut recomputed, mut corrected) = (0, 0);
-        let repaints = self.painted != Some(self.background);
+        let repaints = self.composite.repaints();
         for ray in 0..rays {
             for i in 0..self.bands.len() {
                 let all = repaints || self.bands[i].fresh || rays > 1;
@@ -381,7 +318,7 @@ impl SegmentMap {
             }
         }
         self.bands.iter_mut().for_each(|band| band.fresh = false);
-        self.painted = Some(self.background);
+        self.composite.settle();
         let segments = [recomputed + corrected, corrected, u64::from(rays) * self.count()];
         Ok((segments, self.counted.get()))
     }
@@ -443,12 +380,8 @@ impl SegmentMap {
             return Ok(0);
         }
         counters.save(gpu)?;
-        let (runs, most) = match stage.field {
-            LightField::Fluence(fluence) => {
-                (vec![Run { bindings: fluence.bindings(), points: 0 }], 1)
-            }
-            LightField::Points(points) => (points.runs(), MAX_PARTS),
-        };
+        let is_parted = matches!(stage.field, LightField::Points(_));
+        let (runs, most) = (stage.field.runs(), if is_parted { MAX_PARTS } else { 1 });
         loop {
             self.gather_runs(stage, at, &runs, (*parts, true))?;
             let after = counters.read(gpu)?;
@@ -535,7 +468,6 @@ impl SegmentMap {
     /// Puts the segments of a band's pixels together: of `all`, or of those that were touched.
     fn composite(&self, gpu: &Gpu, band: &Band, (ray, rays): (u32, u32), all: bool) -> Result<()> {
         let params = CompositeParams {
-            background: self.background,
             pixels: band.rows * self.params.width,
             first_pixel: band.first_row * self.params.width,
             segments: self.params.segments,
@@ -545,15 +477,7 @@ impl SegmentMap {
             all: all.into(),
             ..Default::default()
         };
-        let bindings = [
-            ("segment_words", (&band.segments).into()),
-            ("film", (&self.film).into()),
-            ("touched", (&band.touched).into()),
-        ];
-        let mut stage = gpu.stage("composite");
-        stage.dispatch(&self.composite, params.pixels.into(), &bindings, &params)?;
-        stage.clear(&band.touched);
-        stage.finish()
+        self.composite.record(gpu, [&band.segments, &band.touched], params)
     }
 
     /// The image as it stands.
@@ -561,12 +485,7 @@ impl SegmentMap {
     /// # Errors
     /// The device failed.
     pub fn image(&self, gpu: &Gpu) -> Result<Image> {
-        let film = gpu.read::<[f32; 4]>("film", &self.film)?;
-        Ok(Image {
-            width: self.params.width,
-            height: self.params.height,
-            rgb: film.into_iter().map(|[r, g, b, _]| [r, g, b]).collect(),
-        })
+        self.composite.image(gpu)
     }
 
     /// All segments of the last ray, row by row.

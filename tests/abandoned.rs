@@ -7,10 +7,10 @@ use common::gpu;
 use common::snapshot::{difference, snapshot};
 use common::world::{frame, update, world};
 use glam::DVec3;
+use photogram::light_field::LightField;
 use photogram::query::Query;
 use photogram::render::{Progress, Split};
 use photogram::scene::{CameraPlace, Estimator, Filter, Scene, Weighting};
-use photogram::segment::LightField;
 use photogram::update::PhotonFrame;
 
 /// Applies an edit, and abandons its update at the boundary of this number; returns all that

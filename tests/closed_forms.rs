@@ -9,10 +9,10 @@ use common::{Judged, gauss, gpu, rendered, scene_over};
 use glam::{DMat3, DVec3, dvec3};
 use photogram::film::Image;
 use photogram::frame::DeviceScene;
+use photogram::light_field::LightField;
 use photogram::reference::Reference;
 use photogram::render::{Progress, Split, render};
 use photogram::scene::{Estimator, Filter, Method, Scene, Weighting};
-use photogram::segment::LightField;
 use photogram::update::PhotonFrame;
 use photogram::volume::Volume;
 

@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use photogram::gpu::kernel::{KERNELS, compose, compose_unchecked, kernel_files, parse};
 use photogram::gpu::layout::Layout;
 use photogram::gpu::scan;
-use photogram::{fluence, frame, light, photon, points, reference, segment};
+use photogram::{composite, fluence, frame, light, photon, points, reference, segment};
 use wgpu::naga::back::pipeline_constants::process_overrides;
 use wgpu::naga::back::spv;
 use wgpu::naga::valid::{Capabilities, ValidationFlags, Validator};
@@ -25,7 +25,7 @@ const LAYOUTS: &[Layout] = &[
     points::PointsParams::LAYOUT,
     points::Change::LAYOUT,
     segment::SegmentParams::LAYOUT,
-    segment::CompositeParams::LAYOUT,
+    composite::CompositeParams::LAYOUT,
     reference::ReferenceParams::LAYOUT,
     photogram::dirty::DirtyGrid::LAYOUT,
     photogram::work::ListParams::LAYOUT,
@@ -144,7 +144,7 @@ fn no_bound_struct_is_unchecked() {
 #[test]
 #[should_panic(expected = "CompositeParams")]
 fn a_wrong_layout_is_found() {
-    let mut wrong = segment::CompositeParams::LAYOUT;
+    let mut wrong = composite::CompositeParams::LAYOUT;
     wrong.members = &[("background", 4, 12)];
     let source = compose("composite", &[]).expect("composes");
     let module = parse("composite", &source).expect("parses");

@@ -9,9 +9,9 @@ use common::gpu;
 use common::snapshot::{Snapshot, difference, rebuild, snapshot};
 use common::world::{CLASSES, Dice, frame, random_edit, random_world, update, world};
 use photogram::gpu::GROUP;
+use photogram::light_field::LightField;
 use photogram::render::{Progress, Split};
 use photogram::scene::{Estimator, Filter, Weighting};
-use photogram::segment::LightField;
 use photogram::update::{PhotonFrame, Scope, Updated};
 
 /// Edits of the random sequences; `PHOTOGRAM_SOAK` asks for more.

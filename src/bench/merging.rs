@@ -7,10 +7,10 @@ use super::runs::{median, warm};
 use super::{Chart, Effort, Report, Series, Sheet, built_in};
 use crate::error::Result;
 use crate::gpu::Gpu;
+use crate::light_field::LightField;
 use crate::measure;
 use crate::render::{Progress, Split};
 use crate::scene::{Estimator, Scene, Weighting};
-use crate::segment::LightField;
 use crate::update::{Phases, PhotonFrame};
 
 /// Scenes of one light.

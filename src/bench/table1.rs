@@ -8,13 +8,13 @@ use super::{Chart, Effort, Report, Series, Sheet};
 use super::{built_in, percent, without_histories};
 use crate::error::Result;
 use crate::gpu::Gpu;
+use crate::light_field::LightField;
 use crate::measure::{self, Cost};
 use crate::metrics::Metrics;
 use crate::photon::State;
 use crate::query::Query;
 use crate::render::{Progress, Split};
 use crate::scene::{Estimator, Scene, Spatial, Weighting};
-use crate::segment::LightField;
 use crate::update::PhotonFrame;
 
 /// A row of the paper's table. Photons and segments are those of the scene.

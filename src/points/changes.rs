@@ -11,7 +11,7 @@ use crate::dirty::Dirty;
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::gpu::scan::Scanner;
-use crate::segment::Run;
+use crate::light_field::Run;
 use crate::work::WorkList;
 
 /// What differs from what the segments have seen.

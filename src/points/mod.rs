@@ -21,11 +21,11 @@ use crate::frame::{DeviceScene, words};
 use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
+use crate::light_field::Run;
 use crate::photon::PhotonMap;
 use crate::query::{CHANGE_ALBEDO, CHANGE_FALLEN, CHANGE_PHASE, CHANGE_RISEN, Query};
 use crate::render::{Progress, Split};
 use crate::scene::{Settings, Weighting};
-use crate::segment::Run;
 use changes::{Changes, Moved};
 use table::{Part, Table};
 

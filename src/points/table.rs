@@ -6,8 +6,8 @@ use super::PointsParams;
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::gpu::run::Bindings;
+use crate::light_field::Run;
 use crate::photon::{Batch, PhotonMap};
-use crate::segment::Run;
 
 /// Points, and what updates need to know of them.
 pub(super) struct Part {

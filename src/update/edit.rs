@@ -5,11 +5,12 @@ use super::{PhotonFrame, Scope, light_field, light_ids, not_isotropic};
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::light::{Light, Lights};
+use crate::light_field::LightField;
 use crate::photon::PhotonParams;
 use crate::query::Query;
 use crate::render::{Progress, Split};
 use crate::scene::{Estimator, Scene, Settings};
-use crate::segment::{LightField, SegmentMap, camera_params};
+use crate::segment::{SegmentMap, camera_params};
 use crate::transfer::Table;
 
 impl PhotonFrame {

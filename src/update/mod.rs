@@ -17,12 +17,13 @@ use crate::error::{Error, Result};
 use crate::fluence::Fluence;
 use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
+use crate::light_field::LightField;
 use crate::photon::{PhotonMap, PhotonParams};
 use crate::points::Points;
 use crate::query::{CHANGE_EMISSION, CHANGE_FALLEN, CHANGE_RISEN, Query};
 use crate::render::{Progress, Split};
 use crate::scene::{Estimator, Scene, Settings, Spatial, Weighting};
-use crate::segment::{LightField, SegmentMap, SegmentStage};
+use crate::segment::{SegmentMap, SegmentStage};
 
 /// What an edit can reach.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]

@@ -4,9 +4,10 @@ use super::gpu;
 use photogram::counter::Counters;
 use photogram::frame::DeviceScene;
 use photogram::gpu::Gpu;
+use photogram::light_field::LightField;
 use photogram::render::{Progress, Split};
 use photogram::scene::Scene;
-use photogram::segment::{LightField, Segment};
+use photogram::segment::Segment;
 use photogram::update::PhotonFrame;
 use photogram::volume::Volume;
 
