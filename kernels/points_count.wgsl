@@ -1,6 +1,7 @@
-// How many points each bucket has, of `all` or of those listed, noted one bucket further: summed
-// up, that is where the bucket begins, and when all have come (`points_take`, `points_merge`),
-// where it ends. Behind that, of those listed, is told which rows have any (`points`).
+// How many points each bucket has, of `all`; of those listed, how many lights, which they `had` and
+// have (`points_take`). Noted one bucket further: summed up, that is where the bucket begins, and
+// when all have come (`points_take`, `points_merge`), where it ends. Behind that, of those listed,
+// is told which rows have any (`points`).
 
 import package::constants::GROUP;
 import package::shared::item::item_index;
@@ -36,7 +37,8 @@ fn main(
     if i >= params.count { return; }
     let point = select(work[i], i, params.all == 1u);
     let key = keys[point];
-    let before = atomicAdd(&starts[(key >> params.shift) + 1u], 1u);
+    let lights = select(params.had + params.has, 1u, params.all == 1u);
+    let before = atomicAdd(&starts[(key >> params.shift) + 1u], lights);
     // All points of a cell would tell the same.
     if params.all == 0u && params.shift == 0u && before == 0u { tell_rows(key); }
 }

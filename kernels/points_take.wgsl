@@ -1,9 +1,10 @@
-// The listed points, whose light changed, each in its bucket. In which order they come there is
-// left open: sums of integers do not depend on it.
+// The listed points, whose light changed, each in its bucket: with the light that segments have
+// seen, less than zero, for that is taken out, and with what it is now. In which order they come
+// there is left open: sums of integers do not depend on it.
 
 import package::constants::GROUP;
 import package::shared::item::item_index;
-import package::shared::points::{Change, PointsParams};
+import package::shared::points::PointsParams;
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
 @group(0) @binding(9) var<storage, read> work: array<u32>;
@@ -13,7 +14,7 @@ import package::shared::points::{Change, PointsParams};
 @group(0) @binding(13) var<storage, read> now_lights: array<vec4<f32>>;
 @group(0) @binding(14) var<storage, read_write> starts: array<atomic<u32>>;
 @group(0) @binding(15) var<storage, read_write> point_places: array<vec4<u32>>;
-@group(0) @binding(16) var<storage, read_write> point_lights: array<Change>;
+@group(0) @binding(16) var<storage, read_write> point_lights: array<vec4<f32>>;
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -24,10 +25,16 @@ fn main(
     let i = item_index(group, groups, local);
     if i >= params.count { return; }
     let point = work[i];
-    var light: Change;
-    if params.had == 1u { light.seen = seen_lights[point]; }
-    if params.has == 1u { light.now = now_lights[point]; }
-    let at = atomicAdd(&starts[(keys[point] >> params.shift) + 1u], 1u);
-    point_places[at] = seen_places[point];
-    point_lights[at] = light;
+    let lights = params.had + params.has;
+    var at = atomicAdd(&starts[(keys[point] >> params.shift) + 1u], lights);
+    if params.had == 1u {
+        let seen = seen_lights[point];
+        point_places[at] = seen_places[point];
+        point_lights[at] = vec4<f32>(-seen.rgb, seen.a);
+        at++;
+    }
+    if params.has == 1u {
+        point_places[at] = seen_places[point];
+        point_lights[at] = now_lights[point];
+    }
 }

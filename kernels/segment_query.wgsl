@@ -27,23 +27,32 @@ fn bits(low: u32, high: u32) -> u32 {
     return (0xffffffffu >> (31u - high)) & (0xffffffffu << low);
 }
 
-// The segments that read an entry of the query, of `several` from `first` on.
-fn reading(first: u32, several: u32) -> u32 {
-    var found = 0u;
+// Some segments of a ray, a bit each.
+struct Reading {
+    asked: u32,    // read an entry of the query
+    any: u32,      // read any entry
+}
+
+// What those read that are `several` from `first` on.
+fn reading(first: u32, several: u32) -> Reading {
+    var found: Reading;
     for (var k = 0u; k < several; k++) {
         let at = params.stride * (first + k * params.pixels) + HISTORY;
         let history = vec2<u32>(segment_words[at], segment_words[at + 1u]);
-        found |= select(0u, 1u << k, any((history & params.query) != vec2<u32>(0u)));
+        found.asked |= select(0u, 1u << k, any((history & params.query) != vec2<u32>(0u)));
+        found.any |= select(0u, 1u << k, any(history != vec2<u32>(0u)));
     }
     return found;
 }
 
 // The segments of a ray, `several` from the span's on, that see light that changed, as far as
-// they are not `known`.
-fn seeing_change(span: Span, several: u32, known: u32) -> u32 {
+// they are not known to be asked for.
+fn seeing_change(span: Span, several: u32, read: Reading) -> u32 {
     let every = bits(0u, several - 1u);
     let length = span.leave - span.enter;
-    if dirty_grid.spatial > SPATIAL_AXES || known == every || !(length > 0.0) { return 0u; }
+    if dirty_grid.spatial > SPATIAL_AXES || read.asked == every { return 0u; }
+    // What grazes the bounds may have met them where it was gathered, by rounding.
+    if !(length > 0.0) { return read.any; }
     let ray = span.ray;
     let each = length / f32(params.segments);
     // Samples may lie a little outside their segment, by rounding or by their lattice.
@@ -72,7 +81,7 @@ fn seeing_change(span: Span, several: u32, known: u32) -> u32 {
             found |= bits(seen.x, seen.y);
         }
         begin = max(begin, leave);
-        arrived = (found | known) == every || leave >= end
+        arrived = (found | read.asked) == every || leave >= end
             || !walk_step(&w, ray, dirty_grid.edge, dirty_grid.blocks);
         if arrived { break; }
     }
@@ -95,9 +104,9 @@ fn main(
     let first = layer * params.pixels + pixel;
     let read = reading(first, several);
     var touched = 0u;
-    if (params.which & LIST_READ) != 0u { touched = read; }
+    if (params.which & LIST_READ) != 0u { touched = read.asked; }
     if (params.which & LIST_LIT) != 0u {
-        touched |= seeing_change(span_of(params, first), several, read) & ~read;
+        touched |= seeing_change(span_of(params, first), several, read) & ~read.asked;
     }
     if touched != 0u { atomicOr(&pixels[pixel / 32u], 1u << (pixel % 32u)); }
     while touched != 0u {

@@ -75,20 +75,21 @@ fn a_colour_edit_makes_no_tentative_collision() {
     }
 }
 
-/// Where light alone changed, a gather looks at the points that changed, each once.
+/// Where light alone changed, a gather looks at the points that changed, once at what was seen of
+/// each and once at what it has now.
 #[test]
 fn a_colour_edit_gathers_what_changed_and_nothing_else() {
     let (mut scene, volume) = world(Estimator::Points, Weighting::Plain, Filter::Linear);
     scene.settings.max_events = 1;
     let mut frame = frame(&scene, &volume, &Split::default());
     let all = frame.rebuild(gpu(), &Split::default(), &mut Progress::silent()).expect("rebuilds");
-    scene.materials[1].colour = DVec3::new(0.3, 0.5, 0.9);
+    scene.materials[2].colour = DVec3::new(0.3, 0.5, 0.9);
     let (_, done) = update(&mut frame, &scene, &Split::default());
     assert_eq!(difference(&frame, &scene, &volume), None);
-    assert!(done.points > 0 && 10 * done.points < 7 * all.points, "{done:?}");
+    assert!(done.points > 0 && 2 * done.points < all.points, "{} of {}", done.points, all.points);
     assert_eq!(done.corrected, done.recomputed);
     let [gathered, of] = [done, all].map(|u| u.counts.gathered);
-    assert!(gathered > 0 && 10 * gathered < 7 * of, "{gathered} of {of}");
+    assert!(gathered > 0 && gathered < of, "{gathered} of {of}");
 }
 
 /// Edits of a light, of the camera and of the background leave the photons of others alone.

@@ -23,7 +23,6 @@ const LAYOUTS: &[Layout] = &[
     fluence::ResolveParams::LAYOUT,
     fluence::FluenceParams::LAYOUT,
     points::PointsParams::LAYOUT,
-    points::Change::LAYOUT,
     segment::SegmentParams::LAYOUT,
     composite::CompositeParams::LAYOUT,
     reference::ReferenceParams::LAYOUT,

@@ -30,12 +30,6 @@ const ROWS: u32 = 9u;
 // The place of a point that goes.
 const NOWHERE: u32 = 0xffffffffu;
 
-// The light of a point, its colour and g: dark where it was not there, or is not any more.
-struct Change {
-    seen: vec4<f32>,    // by segments
-    now: vec4<f32>,
-}
-
 fn points_cell(position: vec3<f32>, params: PointsParams) -> vec3<i32> {
     let cell = vec3<i32>(floor(position / params.radius));
     return clamp(cell, vec3<i32>(0), vec3<i32>(params.grid) - 1);

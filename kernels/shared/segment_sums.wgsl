@@ -3,7 +3,7 @@
 // words with transmittance and history.
 
 import package::shared::counter::{OVERFLOWN, count};
-import package::shared::sum64::{added, taken_out};
+import package::shared::sum64::added_signed;
 
 const SUM_WORDS: u32 = 8u;
 const HIGH: u32 = 0xfffffu;  // bits of a sum above its low word
@@ -14,12 +14,12 @@ struct Sums {
     blue: vec2<u32>,
 }
 
-fn sums_with(s: Sums, value: vec3<u32>) -> Sums {
-    return Sums(added(s.red, value.r), added(s.green, value.g), added(s.blue, value.b));
-}
-
-fn sums_without(s: Sums, value: vec3<u32>) -> Sums {
-    return Sums(taken_out(s.red, value.r), taken_out(s.green, value.g), taken_out(s.blue, value.b));
+fn sums_with(s: Sums, value: vec3<i32>) -> Sums {
+    return Sums(
+        added_signed(s.red, value.r),
+        added_signed(s.green, value.g),
+        added_signed(s.blue, value.b)
+    );
 }
 
 // `low` are words 0 to 2 of a segment, `high` words 6 and 7.

@@ -1,14 +1,14 @@
 // In-scattered light at a march sample from the points light field: every photon in
-// the sphere of the gather radius, H(8), as rounded integers. Where two lights of a point lie
-// side by side, the one was seen, and is taken out, rounded as it was; the other is added.
+// the sphere of the gather radius, H(8), as rounded integers. Light that was seen and is to be
+// taken out is less than zero, so that the same lines round it as when it was added.
 
 import package::shared::counter::expect;
 import package::shared::phase::phase;
 import package::shared::points::{ROWS, PointsParams, points_cell, points_key, row_beside, rows_at};
 import package::shared::segment::SegmentParams;
-import package::shared::segment_sums::{Sums, sums_with, sums_without};
+import package::shared::segment_sums::{Sums, sums_with};
 import package::shared::slot::unpack_direction;
-import package::shared::sum64::rounded;
+import package::shared::sum64::rounded_signed;
 
 @group(0) @binding(11) var<uniform> field: PointsParams;
 @group(0) @binding(12) var<storage, read> point_places: array<vec4<u32>>;
@@ -43,17 +43,8 @@ fn with_point(i: u32, q: Query, so_far: Gathered) -> Gathered {
     return Gathered(sums_with(so_far.sums, share.value), so_far.clamped + share.clamped, so_far.tested);
 }
 
-// The light that was seen of a point is taken out, and that of now is added.
-fn with_change(i: u32, q: Query, so_far: Gathered) -> Gathered {
-    if !is_near(i, q) { return so_far; }
-    let seen = share_of(point_lights[2u * i], i, q);
-    let now = share_of(point_lights[2u * i + 1u], i, q);
-    let rest = sums_without(so_far.sums, seen.value);
-    return Gathered(sums_with(rest, now.value), so_far.clamped + now.clamped, so_far.tested);
-}
-
 struct Share {
-    value: vec3<u32>,
+    value: vec3<i32>,
     clamped: u32,    // of its components
 }
 
@@ -63,11 +54,11 @@ fn share_of(light: vec4<f32>, i: u32, q: Query) -> Share {
     @if(anisotropic) {
         share *= phase(light.a, dot(unpack_direction(point_places[i].w), q.toward));
     }
-    let r = rounded(share.r);
-    let g = rounded(share.g);
-    let b = rounded(share.b);
+    let r = rounded_signed(share.r);
+    let g = rounded_signed(share.g);
+    let b = rounded_signed(share.b);
     return Share(
-        vec3<u32>(r.value, g.value, b.value),
+        vec3<i32>(r.value, g.value, b.value),
         u32(r.clamped) + u32(g.clamped) + u32(b.clamped)
     );
 }
@@ -123,18 +114,6 @@ fn gather(
     var q = Query(point, weight, toward, 0u);
     var i = 0u;
     var row = 0u;
-    // (Mesa's software adapter 22.3 crashes if the loop's condition asks for it instead.)
-    if field.had == 1u {
-        while i < q.end || row < rows {
-            if i >= q.end {
-                i = runs[row].x;
-                q.end = runs[row].y;
-                row++;
-            }
-            sum = with_change(i, q, sum);
-            i++;
-        }
-    }
     while i < q.end || row < rows {
         if i >= q.end {
             i = runs[row].x;

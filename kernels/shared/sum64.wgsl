@@ -15,13 +15,26 @@ fn rounded(contribution: f32) -> Rounded {
     return Rounded(u32(clamp(round(contribution), 0.0, LARGEST)), !(contribution < LARGEST));
 }
 
+struct RoundedSigned {
+    value: i32,
+    clamped: bool,
+}
+
+const LARGEST_SIGNED: f32 = 2147483520.0;  // the greatest f32 below 2^31
+
+// The same of light that may be taken out: what is less than zero has the opposite value.
+fn rounded_signed(contribution: f32) -> RoundedSigned {
+    let value = i32(clamp(round(contribution), -LARGEST_SIGNED, LARGEST_SIGNED));
+    return RoundedSigned(value, !(abs(contribution) < LARGEST_SIGNED));
+}
+
 fn added(sum: vec2<u32>, value: u32) -> vec2<u32> {
     let low = sum.x + value;
     return vec2<u32>(low, sum.y + select(0u, 1u, low < value));
 }
 
-fn taken_out(sum: vec2<u32>, value: u32) -> vec2<u32> {
-    return vec2<u32>(sum.x - value, sum.y - select(0u, 1u, sum.x < value));
+fn added_signed(sum: vec2<u32>, value: i32) -> vec2<u32> {
+    return total(sum, vec2<u32>(u32(value), u32(value >> 31u)));
 }
 
 fn total(sum: vec2<u32>, more: vec2<u32>) -> vec2<u32> {

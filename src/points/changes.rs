@@ -1,11 +1,12 @@
 //! What a build of the points changed, for segments to correct their sums by.
 //!
 //! Points whose light changed, be it that they came or went, are listed with the light that
-//! segments have seen and the light that they have now, bucket by bucket, and gathered once.
+//! segments have seen, to be taken out, and the light that they have now, bucket by bucket, and
+//! gathered as all are.
 //! Where they are many, segments gather all points anew.
 
 use super::table::{Part, run};
-use super::{Change, Points, PointsParams};
+use super::{Points, PointsParams};
 use crate::counter::CounterBuffer;
 use crate::dirty::Dirty;
 use crate::error::Result;
@@ -26,9 +27,9 @@ pub(super) enum Changes {
 
 /// In the buckets of their cells.
 pub(super) struct Listed {
+    /// Lights, of which a point has one or two.
     count: u32,
     places: wgpu::Buffer,
-    /// A [`Change`] each.
     lights: wgpu::Buffer,
     starts: wgpu::Buffer,
 }
@@ -70,6 +71,11 @@ impl Moved {
         let Part { count, keys, places, .. } = part;
         let (keys, places) = (keys.clone(), places.clone());
         Self { count: *count, keys, places, lights: lights.map(|l| l.cloned()), marked }
+    }
+
+    /// Lights of each: seen, of now, or both.
+    fn lights_each(&self) -> u64 {
+        self.lights.iter().flatten().count() as u64
     }
 
     /// How many are marked is to be learned yet.
@@ -135,26 +141,25 @@ impl Points {
         Ok(())
     }
 
-    /// Takes the listed points, unless to gather all points anew is cheaper, which was measured
-    /// to be so from 70 % on: those that changed lie close together as a rule, so they are denser
-    /// around what they touch than their share tells.
+    /// Takes the listed points, unless to gather all anew is cheaper, which was measured to be so
+    /// where they have more lights than there are points.
     fn found(&self, gpu: &Gpu, listed: &[Found]) -> Result<Changes> {
-        let total = count(listed);
-        let all = self.count();
-        let fits = total * size_of::<Change>() as u64 <= gpu.max_binding();
-        match total {
+        let lights: u64 =
+            listed.iter().map(|(moved, list)| moved.lights_each() * u64::from(list.count)).sum();
+        let fits = lights * size_of::<[f32; 4]>() as u64 <= gpu.max_binding();
+        match lights {
             0 => Ok(Changes::None),
-            _ if 10 * total >= 7 * all || !fits => Ok(Changes::TooMany),
-            _ => Ok(Changes::Listed(self.taken(gpu, listed, total as u32)?)),
+            _ if lights >= self.count() || !fits => Ok(Changes::TooMany),
+            _ => Ok(Changes::Listed(self.taken(gpu, listed, lights as u32)?)),
         }
     }
 
     /// All listed points together, in the buckets of their keys.
-    fn taken(&self, gpu: &Gpu, listed: &[Found], total: u32) -> Result<Listed> {
+    fn taken(&self, gpu: &Gpu, listed: &[Found], lights: u32) -> Result<Listed> {
         let taken = Listed {
-            count: total,
-            places: gpu.buffer::<[u32; 4]>("point places", total as usize)?,
-            lights: gpu.buffer::<Change>("point lights", total as usize)?,
+            count: lights,
+            places: gpu.buffer::<[u32; 4]>("point places", lights as usize)?,
+            lights: gpu.buffer::<[f32; 4]>("point lights", lights as usize)?,
             // Behind where buckets begin, the rows around each cell that have any.
             starts: gpu.buffer::<u32>("points starts", 2 * self.params.buckets as usize + 1)?,
         };
@@ -166,7 +171,7 @@ impl Points {
                 ("keys", (&moved.keys).into()),
                 ("starts", (&taken.starts).into()),
             ];
-            let params = self.params(list.count);
+            let params = self.taking(moved, list);
             stage.dispatch(&self.tally, list.count.into(), &bindings, &params)?;
         }
         let begins = self.params.buckets + 1;
@@ -184,11 +189,16 @@ impl Points {
                 ("point_places", (&taken.places).into()),
                 ("point_lights", (&taken.lights).into()),
             ];
-            let [had, has] = [seen, now].map(|light| light.is_some().into());
-            let params = PointsParams { had, has, ..self.params(list.count) };
+            let params = self.taking(moved, list);
             stage.dispatch(&self.take, list.count.into(), &bindings, &params)?;
         }
         stage.finish()?;
         Ok(taken)
+    }
+
+    /// What kernels are told of points that are taken.
+    fn taking(&self, moved: &Moved, list: &WorkList) -> PointsParams {
+        let [had, has] = moved.lights.each_ref().map(|light| light.is_some().into());
+        PointsParams { had, has, ..self.params(list.count) }
     }
 }

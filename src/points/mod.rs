@@ -75,16 +75,6 @@ shared_struct! {
     }
 }
 
-shared_struct! {
-    /// The light of a point, its colour and g: dark where it was not there, or is not any more.
-    pub struct Change {
-        /// What segments have seen.
-        pub seen: [f32; 4],
-        /// What it is.
-        pub now: [f32; 4],
-    }
-}
-
 /// The points of a table, bucket by bucket.
 pub struct Contents {
     /// Position, mm (three `f32`), and packed direction of each.
@@ -369,7 +359,7 @@ impl Points {
     /// Bytes that an update takes beside the points, at most: lists of slots, of points that are
     /// kept and of those whose light changed, at 4.25 bytes an item; a bit for each slot; the light
     /// that points had before; all of them anew, once as they come and once in their buckets, with
-    /// the places of both; or those whose light changed, at most 70 % as many, at 48 bytes each.
+    /// the places of both; or lights that changed, fewer than there are points, at 32 bytes each.
     pub fn update_bytes(&self) -> u64 {
         let slots: u64 = self.tables.iter().map(|table| u64::from(table.slots())).sum();
         let points = self.count();

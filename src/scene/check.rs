@@ -181,8 +181,8 @@ impl Settings {
         positive("radius", self.radius, "in mm")?;
         scalar("grid", self.grid, up_to_one(self.grid), "it must be in (0, 1] cells per voxel")?;
         count("segments", self.segments.into(), 1, 1024)?;
-        let step = self.step > 0.0 && self.step <= 4.0;
-        scalar("step", self.step, step, "it must be in (0, 4] smallest spacings")?;
+        let step = (1e-3..=4.0).contains(&self.step);
+        scalar("step", self.step, step, "it must be in [0.001, 4] smallest spacings")?;
         positive("majorant", self.majorant, "per mm")?;
         count("rays", self.rays.into(), 1, 65_536)?;
         count("samples", self.samples.into(), 1, max)?;

@@ -349,7 +349,7 @@ pub struct Settings {
     pub grid: f64,
     /// Segments along a view ray (V_n of the paper), 1 to 1024.
     pub segments: u32,
-    /// March step over the smallest spacing, in (0, 4]; linear filter only.
+    /// March step over the smallest spacing, in [0.001, 4].
     pub step: f64,
     /// 1/mm, > 0; extinction is clamped there. `None`: derived by [`Scene::settle`].
     pub majorant: Option<f64>,
