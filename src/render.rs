@@ -16,7 +16,7 @@ use crate::update::PhotonFrame;
 use crate::volume::Volume;
 
 /// What a typical contribution to an integer sum is scaled to: 22 bits of precision,
-/// and room for one a thousand times as large before 32 bits clamp it.
+/// and room for one five hundred times as large before 31 bits clamp it.
 pub const CONTRIBUTION: f64 = (1 << 22) as f64;
 
 /// Hears of the progress of long work, and may have an update abandoned.

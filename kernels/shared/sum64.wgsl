@@ -1,6 +1,7 @@
 // Sums of light are integers: each contribution is scaled, rounded once, and added to
 // a wrapping 64-bit sum of two words. Integer addition has no order and an exact
-// inverse. A contribution that does not fit 32 bits is clamped, and that is counted.
+// inverse. A contribution that does not fit 32 bits, one of them for the sign where it has one, is
+// clamped, and that is counted.
 
 struct Rounded {
     value: u32,
@@ -26,11 +27,6 @@ const LARGEST_SIGNED: f32 = 2147483520.0;  // the greatest f32 below 2^31
 fn rounded_signed(contribution: f32) -> RoundedSigned {
     let value = i32(clamp(round(contribution), -LARGEST_SIGNED, LARGEST_SIGNED));
     return RoundedSigned(value, !(abs(contribution) < LARGEST_SIGNED));
-}
-
-fn added(sum: vec2<u32>, value: u32) -> vec2<u32> {
-    let low = sum.x + value;
-    return vec2<u32>(low, sum.y + select(0u, 1u, low < value));
 }
 
 fn added_signed(sum: vec2<u32>, value: i32) -> vec2<u32> {

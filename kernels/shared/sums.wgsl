@@ -7,6 +7,7 @@ const EACH: u32 = SCAN_BLOCK / GROUP;
 var<workgroup> total: atomic<u32>;
 // Threads of a row, of which a group has as many.
 const ROW: u32 = 8u;
+const_assert GROUP == ROW * ROW;
 
 var<workgroup> totals: array<u32, GROUP>;
 var<workgroup> rows: array<u32, ROW>;
