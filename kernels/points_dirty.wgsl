@@ -16,7 +16,7 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let i = item_index(group, groups, local);
+    let i = params.first + item_index(group, groups, local);
     if i >= params.count { return; }
     let position = bitcast<vec3<f32>>(point_places[work[i]].xyz);
     mark_dirty(position, position);

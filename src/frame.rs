@@ -22,6 +22,10 @@ pub const LAYERS: u32 = 8;
 /// Classes of marks that photon histories tell apart, in as many of their 64 bits.
 pub const MARK_CLASSES: u32 = 4;
 
+/// Tentative collisions across a volume beyond which a flight may not come to its end: the mean
+/// step is then a few times the least that an `f32` can take there.
+const MAX_COLLISIONS: f64 = (1 << 21) as f64;
+
 shared_struct! {
     /// What every kernel may look at; lengths in mm along the volume's axes.
     pub struct Frame {
@@ -127,7 +131,7 @@ impl DeviceScene {
     /// Uploads a settled scene with its volume.
     ///
     /// # Errors
-    /// The scene is not settled, or the device refuses.
+    /// The scene is not settled or an impossible one, or the device refuses.
     pub fn new(gpu: &Gpu, scene: &Scene, volume: &Volume) -> Result<Self> {
         Self::with_bins(gpu, scene, volume, Bins::uniform(MARK_CLASSES))
     }
@@ -137,10 +141,18 @@ impl DeviceScene {
     /// # Errors
     /// As [`Self::new`].
     pub fn with_bins(gpu: &Gpu, scene: &Scene, volume: &Volume, bins: Bins) -> Result<Self> {
+        scene.check()?;
         let settings = &scene.settings;
         let majorant = settings
             .majorant
             .ok_or_else(|| Error::setting("the scene has no majorant: settle it first"))?;
+        let longest = volume.extent().length();
+        if majorant * longest > MAX_COLLISIONS {
+            return Err(Error::setting(format!(
+                "`majorant` is {majorant} per mm: across {longest} mm collisions come closer than \
+                 single precision tells places apart; lower it, or leave it out"
+            )));
+        }
         let table = Table::build(&scene.materials, volume.range(), Some(majorant));
         let cells = MacroCells::of(volume);
         let local_from_world = volume.local_from_world();

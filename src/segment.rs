@@ -156,8 +156,8 @@ pub struct SegmentMap {
     composite: Composite,
     segment: Arc<Kernel>,
     query: Arc<Kernel>,
-    gather_pace: Pace,
-    correct_pace: Pace,
+    /// By the magnitude of how many points there are: by that, what an item costs.
+    paces: [Pace; 33],
     /// What was counted, as it was read last.
     counted: Cell<Counters>,
 }
@@ -231,8 +231,7 @@ impl SegmentMap {
             composite: Composite::new(gpu, scene, field)?,
             segment: segment_kernel(gpu, device, field)?,
             query: gpu.kernel("segment_query", &[])?,
-            gather_pace: Pace::new(1 << 12),
-            correct_pace: Pace::new(1 << 12),
+            paces: std::array::from_fn(|_| Pace::new(1 << 12)),
             counted: Cell::default(),
         })
     }
@@ -431,7 +430,6 @@ impl SegmentMap {
         (parts, anew): (u32, bool),
     ) -> Result<()> {
         let band = &self.bands[band];
-        let pace = if anew { &self.gather_pace } else { &self.correct_pace };
         let count = u64::from(band.list.count);
         for (i, run) in runs.iter().enumerate() {
             let mut bindings = [stage.device.bindings(), run.bindings.clone()].concat();
@@ -442,6 +440,7 @@ impl SegmentMap {
             ]);
             let bound =
                 |part: u32| (u64::from(run.points) * u64::from(part) / u64::from(parts)) as u32;
+            let pace = &self.paces[(u32::BITS - bound(1).leading_zeros()) as usize];
             for part in 0..parts {
                 let params = SegmentParams {
                     first_row: band.first_row,

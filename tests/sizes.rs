@@ -7,6 +7,7 @@ use common::gpu;
 use common::snapshot::{difference, snapshot};
 use common::world::{WORLD, frame, update, world};
 use glam::{DMat3, DVec3, Vec3};
+use photogram::frame::DeviceScene;
 use photogram::render::{Progress, Split};
 use photogram::scene::{Estimator, Filter, Scene, Weighting};
 use photogram::volume::Volume;
@@ -129,6 +130,19 @@ fn long_flights_are_not_cut_short() {
     let (_, done) = update(&mut frame, &scene, &Split::default());
     assert!(done.counts.changed > 0);
     assert_eq!(difference(&frame, &scene, &volume), None);
+}
+
+/// A scene that nobody has checked against its volume: steps between collisions would be lost to
+/// rounding, and a flight endless.
+#[test]
+fn a_majorant_beyond_single_precision_is_refused() {
+    let (mut scene, volume) = one_voxel(Estimator::Fluence, 1);
+    scene.settings.majorant = Some(1e7);
+    let refused = DeviceScene::new(gpu(), &scene, &volume).map(|_| ()).expect_err("too dense");
+    assert!(refused.to_string().contains("single precision"), "{refused}");
+    scene.settings.step = 1e-8;
+    let refused = DeviceScene::new(gpu(), &scene, &volume).map(|_| ()).expect_err("endless steps");
+    assert!(refused.to_string().contains("`step` is"), "{refused}");
 }
 
 /// An update that the device refuses half way is followed by one that computes everything.

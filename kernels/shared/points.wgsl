@@ -17,7 +17,7 @@ struct PointsParams {
     stay: u32,             // 1: a point that is where it was has other light only if its mean changed
     changed: vec2<u32>,    // bins whose extinction changed since
     fresh: u32,            // 1: nobody has seen these points
-    first: u32,            // of the points that are a batch's, where nobody has seen them
+    first: u32,            // of the points that are a batch's, where nobody has seen them; or of a slice
     first_slot: u32,       // of the table's slots that are a batch's
     slots: u32,            // how many those are
     pad0: u32,

@@ -5,12 +5,15 @@
 //! gathered as all are.
 //! Where they are many, segments gather all points anew.
 
+use std::ops::Range;
+
 use super::table::{Part, run};
 use super::{Points, PointsParams};
 use crate::counter::CounterBuffer;
 use crate::dirty::Dirty;
 use crate::error::Result;
 use crate::gpu::Gpu;
+use crate::gpu::run::Stage;
 use crate::gpu::scan::Scanner;
 use crate::light_field::Run;
 use crate::work::WorkList;
@@ -134,9 +137,12 @@ impl Points {
             bindings.push(("point_places", (&moved.places).into()));
             bindings.push(("work", (&list.items).into()));
             bindings.push(("counters", counters.buffer().into()));
-            let mut stage = gpu.stage("points_dirty");
-            stage.dispatch(&self.dirty, list.count.into(), &bindings, &self.params(list.count))?;
-            stage.finish()?;
+            let work = |stage: &mut Stage, range: Range<u64>| {
+                let params =
+                    PointsParams { first: range.start as u32, ..self.params(range.end as u32) };
+                stage.dispatch(&self.dirty, range.end - range.start, &bindings, &params)
+            };
+            gpu.sliced("points_dirty", list.count.into(), &self.dirty_pace, work, &mut |_| ())?;
         }
         Ok(())
     }

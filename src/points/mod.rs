@@ -21,6 +21,7 @@ use crate::frame::{DeviceScene, words};
 use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
+use crate::gpu::run::Pace;
 use crate::light_field::Run;
 use crate::photon::PhotonMap;
 use crate::query::{CHANGE_ALBEDO, CHANGE_FALLEN, CHANGE_PHASE, CHANGE_RISEN, Query};
@@ -62,7 +63,8 @@ shared_struct! {
         pub changed: [u32; 2],
         /// 1 where nobody has seen these points.
         pub fresh: u32,
-        /// The first of the points that are a batch's, where nobody has seen them.
+        /// The first of the points that are a batch's, where nobody has seen them; or of those
+        /// listed that are looked at.
         pub first: u32,
         /// The first of the table's slots that are a batch's.
         pub first_slot: u32,
@@ -115,6 +117,7 @@ pub struct Points {
     mean: Arc<Kernel>,
     record: Arc<Kernel>,
     dirty: Arc<Kernel>,
+    dirty_pace: Pace,
     take: Arc<Kernel>,
     tally: Arc<Kernel>,
     arrange: Arc<Kernel>,
@@ -179,6 +182,7 @@ impl Points {
             )?,
             record: record_kernel(gpu, scene, even)?,
             dirty: gpu.kernel("points_dirty", &[])?,
+            dirty_pace: Pace::new(1 << 14),
             take: gpu.kernel("points_take", &[])?,
             tally: gpu.kernel("points_count", &[])?,
             arrange: gpu.kernel("points_arrange", &[])?,

@@ -18,10 +18,11 @@ impl PhotonFrame {
     /// background may differ from what is shown.
     ///
     /// # Errors
-    /// Something else differs, or the estimator does not suit the scene: nothing has
-    /// happened then. Memory does not suffice or the device failed: the next update
+    /// Something else differs, the scene is an impossible one, or the estimator does not suit
+    /// it: nothing has happened then. Memory does not suffice or the device failed: the next update
     /// rebuilds everything.
     pub fn edit(&mut self, gpu: &Gpu, scene: &Scene, split: &Split) -> Result<Scope> {
+        scene.check()?;
         if !self.source.settings.history {
             return Err(Error::setting("without histories (`history`) no edit can be applied"));
         }
