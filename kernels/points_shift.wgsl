@@ -1,4 +1,5 @@
-// Where buckets begin when points that are kept and new ones have come together.
+// Where buckets begin when points that are kept and new ones have come together. Which rows have
+// any is to be told anew (`points_rows`).
 
 import package::constants::GROUP;
 import package::shared::item::item_index;
@@ -18,4 +19,5 @@ fn main(
     let bucket = item_index(group, groups, local);
     if bucket > params.buckets { return; }
     starts[bucket] = kept_before(starts[bucket]) + added[bucket];
+    if bucket < params.buckets { starts[params.buckets + 1u + bucket] = 0u; }
 }

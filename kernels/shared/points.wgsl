@@ -1,8 +1,8 @@
 // The points light field: photons in buckets of 2^shift consecutive cells of a grid whose
 // edge is the gather radius, H(8). The key is the cell's index, x fastest, so the three
 // cells of a row are one run of points. `starts` says where each bucket begins; a bucket
-// may hold more than the cells asked for, even of the next row, and the distance test tells. Of
-// points that changed, where each cell is a bucket, it also says which rows around it have any.
+// may hold more than the cells asked for, even of the next row, and the distance test tells.
+// Where each cell is a bucket, it also says which rows around a cell have any.
 
 struct PointsParams {
     grid: vec3<u32>,       // cells
@@ -11,7 +11,7 @@ struct PointsParams {
     shift: u32,
     buckets: u32,
     kernel: f32,           // 1 / (4/3 pi r^3)
-    had: u32,              // 1: segments have seen light of what is taken, or of all there is
+    had: u32,              // 1: segments have seen light of what is taken
     has: u32,              // 1: what is taken has light
     all: u32,              // 1: of all slots or points, not of those that moved, stay or are listed
     stay: u32,             // 1: a point that is where it was has other light only if its mean changed
@@ -45,7 +45,7 @@ fn row_beside(cell: vec3<i32>, n: u32) -> vec2<i32> {
     return cell.yz + vec2<i32>(vec2<u32>(n % 3u, n / 3u)) - 1;
 }
 
-// Where `starts` says which rows around a cell have points that changed: a bit each.
+// Where `starts` says which rows around a cell have points: a bit each.
 fn rows_at(cell: vec3<i32>, params: PointsParams) -> u32 {
     return params.buckets + 1u + points_key(cell, params);
 }

@@ -84,9 +84,9 @@ fn gather(
     var runs: array<vec2<u32>, ROWS>;
     var rows = 0u;
     let widest = vec2(max(cell.x - 1, 0), min(cell.x + 1, i32(field.grid.x) - 1));
-    // Points that changed are few: only rows that have any are asked.
+    // Only rows that have any are asked.
     var asked = (1u << ROWS) - 1u;
-    if field.had == 1u && field.shift == 0u { asked = starts[rows_at(cell, field)]; }
+    if field.shift == 0u { asked = starts[rows_at(cell, field)]; }
     var met = 0u;    // points of rows before: a bucket may have cells of two
     while asked != 0u {
         let row = row_beside(cell, firstTrailingBit(asked));

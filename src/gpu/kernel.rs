@@ -42,6 +42,7 @@ pub const KERNELS: &[(&str, &[&str])] = &[
     ("points_key", &[]),
     ("points_merge", &[]),
     ("points_shift", &[]),
+    ("points_rows", &[]),
     ("points_mean", &["nearest", "float_voxels", "history", "listed_bins"]),
     ("points_record", &["even", "anisotropic"]),
     ("points_dirty", &[]),

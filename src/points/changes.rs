@@ -166,8 +166,7 @@ impl Points {
             count: lights,
             places: gpu.buffer::<[u32; 4]>("point places", lights as usize)?,
             lights: gpu.buffer::<[f32; 4]>("point lights", lights as usize)?,
-            // Behind where buckets begin, the rows around each cell that have any.
-            starts: gpu.buffer::<u32>("points starts", 2 * self.params.buckets as usize + 1)?,
+            starts: self.starts(gpu)?,
         };
         let mut stage = gpu.stage("points_take");
         stage.clear(&taken.starts);
@@ -198,6 +197,7 @@ impl Points {
             let params = self.taking(moved, list);
             stage.dispatch(&self.take, list.count.into(), &bindings, &params)?;
         }
+        self.tell_rows(&mut stage, &taken.starts)?;
         stage.finish()?;
         Ok(taken)
     }

@@ -21,7 +21,7 @@ use crate::frame::{DeviceScene, words};
 use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
-use crate::gpu::run::Pace;
+use crate::gpu::run::{Pace, Stage};
 use crate::light_field::Run;
 use crate::photon::PhotonMap;
 use crate::query::{CHANGE_ALBEDO, CHANGE_FALLEN, CHANGE_PHASE, CHANGE_RISEN, Query};
@@ -30,7 +30,7 @@ use crate::scene::{Settings, Weighting};
 use changes::{Changes, Moved};
 use table::{Part, Table};
 
-/// Buckets of a table, at most: 16 MiB, and as much again for points that changed.
+/// Buckets of a table, at most: 32 MiB, and as much again for points that changed.
 const MAX_BUCKETS: u32 = 1 << 22;
 /// Points of which a work group finds means.
 pub const MEAN_BLOCK: u32 = 512;
@@ -50,7 +50,7 @@ shared_struct! {
         pub buckets: u32,
         /// 1 / (4/3 pi r³).
         pub kernel: f32,
-        /// 1 where segments have seen light of what is taken, or of all there is.
+        /// 1 where segments have seen light of what is taken.
         pub had: u32,
         /// 1 where what is taken has light.
         pub has: u32,
@@ -92,8 +92,8 @@ pub struct Points {
     /// Gather radius, mm.
     pub radius: f32,
     params: PointsParams,
-    /// What gathers are told of points, and of changes.
-    fields: [wgpu::Buffer; 2],
+    /// What gathers are told of the grid.
+    field: wgpu::Buffer,
     /// Whether fluence is blurred, not collision density.
     pub even: bool,
     tables: Vec<Table>,
@@ -120,6 +120,7 @@ pub struct Points {
     dirty_pace: Pace,
     take: Arc<Kernel>,
     tally: Arc<Kernel>,
+    rows: Arc<Kernel>,
     arrange: Arc<Kernel>,
     origins: Arc<Kernel>,
 }
@@ -158,12 +159,11 @@ impl Points {
             kernel: (0.75 / (std::f64::consts::PI * radius.powi(3))) as f32,
             ..Default::default()
         };
-        let field = |had| gpu.upload("points field", &[PointsParams { had, ..params }]);
         Ok(Self {
             even,
             radius: radius as f32,
             none: Part::new(gpu, 0, [even, settings.history])?,
-            fields: [field(0)?, field(1)?],
+            field: gpu.upload("points field", &[params])?,
             params,
             tables: Vec::new(),
             moved: Vec::new(),
@@ -184,6 +184,7 @@ impl Points {
             dirty: gpu.kernel("points_dirty", &[])?,
             dirty_pace: Pace::new(1 << 14),
             take: gpu.kernel("points_take", &[])?,
+            rows: gpu.kernel("points_rows", &[])?,
             tally: gpu.kernel("points_count", &[])?,
             arrange: gpu.kernel("points_arrange", &[])?,
             origins: gpu.kernel("points_origins", if even { &["even"] } else { &[] })?,
@@ -278,9 +279,19 @@ impl Points {
         [self.even, self.history]
     }
 
-    /// Room for where each bucket begins, and the last ends.
+    /// Room for where each bucket begins, and the last ends, and for which rows around each cell
+    /// have points.
     fn starts(&self, gpu: &Gpu) -> Result<wgpu::Buffer> {
-        gpu.buffer::<u32>("points starts", self.params.buckets as usize + 1)
+        gpu.buffer::<u32>("points starts", 2 * self.params.buckets as usize + 1)
+    }
+
+    /// Tells which rows around each cell have points, where each is a bucket.
+    fn tell_rows(&self, stage: &mut Stage, starts: &wgpu::Buffer) -> Result<()> {
+        if self.params.shift > 0 {
+            return Ok(());
+        }
+        let cells = self.params.buckets.into();
+        stage.dispatch(&self.rows, cells, &[("starts", starts.into())], &self.params)
     }
 
     fn params(&self, count: u32) -> PointsParams {
@@ -308,7 +319,7 @@ impl Points {
 
     /// All points.
     pub(crate) fn runs(&self) -> Vec<Run<'_>> {
-        self.tables.iter().map(|table| table.run(&self.fields[0])).collect()
+        self.tables.iter().map(|table| table.run(&self.field)).collect()
     }
 
     /// The points whose light changed since all segments were computed, with old and new light;
@@ -316,7 +327,7 @@ impl Points {
     pub(crate) fn changes(&self) -> Option<Vec<Run<'_>>> {
         match &self.changes {
             Changes::None => Some(Vec::new()),
-            Changes::Listed(listed) => Some(vec![listed.run(&self.fields[1])]),
+            Changes::Listed(listed) => Some(vec![listed.run(&self.field)]),
             Changes::TooMany => None,
         }
     }
@@ -341,7 +352,9 @@ impl Points {
             let mut lights = gpu.read::<[f32; 4]>("point lights", &part.lights)?;
             places.truncate(part.count as usize);
             lights.truncate(part.count as usize);
-            Ok(Contents { places, lights, starts: gpu.read("points starts", starts)? })
+            let mut starts = gpu.read("points starts", starts)?;
+            starts.truncate(self.params.buckets as usize + 1);
+            Ok(Contents { places, lights, starts })
         });
         contents.collect()
     }

@@ -220,7 +220,7 @@ impl Points {
     fn merged(&self, gpu: &Gpu, table: &Table, kept: &Kept, new: &Part) -> Result<Part> {
         let Table { part: before, starts, .. } = table;
         let begins = self.params.buckets + 1;
-        let added = self.starts(gpu)?;
+        let added = gpu.buffer::<u32>("points added", begins as usize)?;
         let mut stage = gpu.stage("points_merge");
         stage.clear(&added);
         let bindings = [
@@ -253,6 +253,7 @@ impl Points {
             }
         }
         stage.dispatch(&self.shift, begins.into(), &kept, &self.params)?;
+        self.tell_rows(&mut stage, starts)?;
         stage.finish()?;
         Ok(part)
     }

@@ -121,7 +121,7 @@ pub(super) struct Table {
     /// In the order of their slots.
     pub members: Vec<Member>,
     pub part: Part,
-    /// Where each bucket begins, and the last ends.
+    /// Where each bucket begins, and the last ends; then which rows around each cell have points.
     pub starts: wgpu::Buffer,
 }
 
