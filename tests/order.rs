@@ -6,11 +6,13 @@ mod common;
 
 use std::time::Duration;
 
-use common::snapshot::rebuild;
+use common::snapshot::{rebuild, snapshot};
 use common::{gpu, truth_scene};
+use photogram::frame::DeviceScene;
 use photogram::gpu::{AdapterChoice, Gpu};
-use photogram::render::Split;
+use photogram::render::{Progress, Split};
 use photogram::scene::{Estimator, Filter, Scene, Weighting};
+use photogram::update::PhotonFrame;
 use photogram::volume::Volume;
 
 /// Small scenes that between them use every estimator, filter and phase function.
@@ -76,6 +78,37 @@ fn slices_of_any_length_give_the_same_bits() {
         let plain = rebuild(gpu(), &scene, &volume, &Split::default());
         let sliced = rebuild(&hasty, &scene, &volume, &Split::default());
         assert_eq!(plain.difference(&sliced), None, "{label}");
+    }
+}
+
+/// Where an update is sliced, also where light changed is marked slice by slice.
+#[test]
+fn updates_in_slices_leave_what_a_rebuild_leaves() {
+    const EDITS: u64 = 8;
+    let mut hasty = Gpu::open(&AdapterChoice::Best).expect("an adapter");
+    hasty.set_slice_budget(Duration::from_micros(20));
+    let plain = Split::default();
+    for (label, mut scene, volume) in scenes() {
+        scene.settings.rays = 1;
+        let device = DeviceScene::new(&hasty, &scene, &volume).expect("uploads");
+        let mut frame = PhotonFrame::new(&hasty, &scene, device, 1, &plain).expect("fits");
+        let silent = &mut Progress::silent();
+        frame.rebuild(&hasty, &plain, silent).expect("rebuilds");
+        hasty.take_timings().expect("a clock");
+        for _ in 0..EDITS {
+            scene.materials[0].extinction *= 0.8;
+            frame.edit(&hasty, &scene, &plain).expect("applies");
+            frame.update(&hasty, &plain, silent).expect("updates");
+            let now = snapshot(&hasty, &frame).without_histories();
+            let fresh = rebuild(gpu(), &scene, &volume, &plain).without_histories();
+            assert_eq!(now.difference(&fresh), None, "{label}");
+        }
+        let timings = hasty.take_timings().expect("a clock");
+        let marked = timings.rows().iter().find(|row| row.stage == "points_dirty");
+        let slices = marked.map_or(0, |row| u64::from(row.dispatches));
+        let is_points = scene.settings.estimator == Some(Estimator::Points);
+        // Those of a table that changed, and those that came: two lists an update, at most.
+        assert!(!is_points || slices > 2 * EDITS, "{label}: {slices} slices");
     }
 }
 
