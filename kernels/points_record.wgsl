@@ -44,7 +44,7 @@ fn record(point: u32, is_kept: bool) {
     let bit = 1u << (point % 32u);
     if differs && any(max(seen.rgb, light.rgb) > vec3<f32>(0.0)) {
         atomicOr(&changed[point / 32u], bit);
-    } else {
+    } else if (atomicLoad(&changed[point / 32u]) & bit) != 0u {
         atomicAnd(&changed[point / 32u], ~bit);
     }
     if !differs { return; }

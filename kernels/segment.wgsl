@@ -14,19 +14,17 @@ import package::shared::item::item_index;
 import package::shared::scene::{
     frame, optics, emission, cell_masks, entry_at, bin_of, bin_bit, cell_index
 };
-import package::shared::segment::{SegmentParams, Span, span_of, TRANSMITTANCE, HISTORY};
-@if(!fluence) import package::shared::segment_sums::{Sums, SUM_WORDS, unpack_sums, pack_high};
+import package::shared::segment::{SegmentParams, Span, span_of};
+@if(!fluence) import package::shared::segment_sums::{Sums, unpack_sums, pack_high};
 @if(!fluence) import package::shared::sum64::{total, rounded_wide};
 @if(fluence) import package::shared::source_fluence::{Gathered, gather};
 @if(!fluence) import package::shared::source_points::{Gathered, gather};
-import package::shared::walk::{Line, walk_begin, walk_leave, walk_step};
+import package::shared::walk::{Line, walk_begin, walk_leave, walk_next, walk_step};
 
 @group(0) @binding(8) var<uniform> params: SegmentParams;
 @group(0) @binding(9) var<storage, read> work: array<u32>;
-@group(0) @binding(10) var<storage, read_write> segment_words: array<u32>;
-
-@if(fluence) const WORDS: u32 = 6u;
-@if(!fluence) const WORDS: u32 = SUM_WORDS;
+@if(fluence) @group(0) @binding(10) var<storage, read_write> segments: array<vec2<u32>>;
+@if(!fluence) @group(0) @binding(10) var<storage, read_write> segments: array<vec4<u32>>;
 
 // A segment that lets less through counts as opaque, and is not looked into any further:
 // what lies behind cannot change it.
@@ -41,10 +39,10 @@ struct March {
 }
 
 // How far before the middle of an interval, in lengths, the mean of what is seen of it
-// lies: light is looked up there, which is exact where it varies linearly.
-fn lean(depth: f32) -> f32 {
+// lies: light is looked up there, which is exact where it varies linearly. `passed` is exp(-depth).
+fn lean(depth: f32, passed: f32) -> f32 {
     if depth < 0.1 { return -depth / 12.0; }
-    return 1.0 / depth - 1.0 / (exp(depth) - 1.0) - 0.5;
+    return 1.0 / depth - passed / (1.0 - passed) - 0.5;
 }
 
 // One interval of constant value: its in-scattered light and emission, then its loss.
@@ -54,7 +52,8 @@ fn interval(ray: Line, t: f32, length: f32, march: ptr<function, March>) {
     let o = optics[entry];
     @if(history) { (*march).history |= bin_bit(bin_of(entry)); }
     (*march).samples++;
-    let passed = exp(-o.extinction * length);
+    let depth = o.extinction * length;
+    let passed = exp(-depth);
     let lost = (*march).transmittance * (1.0 - passed);
     var along = (*march).transmittance * length;
     if o.extinction > 0.0 { along = lost / o.extinction; }
@@ -63,7 +62,7 @@ fn interval(ray: Line, t: f32, length: f32, march: ptr<function, March>) {
     @if(!fluence && !even) let weight = along;
     // Where nothing scatters no light is gathered: sigma_s = 0 in H(1).
     if o.extinction > 0.0 {
-        let seen = ray.origin + ray.direction * (t + lean(o.extinction * length) * length);
+        let seen = ray.origin + ray.direction * (t + lean(depth, passed) * length);
         let scaled = weight * params.scale;
         (*march).light = gather(params, seen, entry, scaled, -ray.direction, (*march).light);
     }
@@ -124,19 +123,23 @@ fn march_span(span: Span, march: ptr<function, March>) {
     let h = length / f32(samples);
     let end = first_sample(samples, span.index + 1u);
     var i = first_sample(samples, span.index);
-    @if(skip) var w = walk_begin(span.ray, span.enter + (f32(i) + 0.5) * h, frame.cell_mm, frame.cells);
+    var known = i;    // samples before are in the macro-cell that was looked at last
     while i < end && (*march).transmittance != 0.0 {
         let t = span.enter + (f32(i) + 0.5) * h;
         @if(skip) {
-            while walk_leave(w) <= t && walk_step(&w, span.ray, frame.cell_mm, frame.cells) {}
-            let at = clamp(w.cell, vec3<i32>(0), vec3<i32>(frame.cells) - 1);
-            let mask = cell_masks[cell_index(at)];
-            if all((mask & frame.visible_bins) == vec2<u32>(0u)) {
-                @if(history) { (*march).history |= mask; }
-                // The last sample before the cell's end, less one for rounding's sake.
-                let beyond = (walk_leave(w) - span.enter) / h - 1.5;
-                i = max(i + 1u, u32(clamp(beyond, 0.0, f32(end))));
-                continue;
+            if i >= known {
+                let at = vec3<i32>((span.ray.origin + span.ray.direction * t) / frame.cell_mm);
+                let cell = clamp(at, vec3<i32>(0), vec3<i32>(frame.cells) - 1);
+                // Rounding does not matter: a cell also knows what is half a voxel beyond it.
+                let next = walk_next(span.ray, cell, frame.cell_mm);
+                let beyond = (min(next.x, min(next.y, next.z)) - span.enter) / h - 0.5;
+                known = max(i + 1u, u32(clamp(ceil(beyond), 0.0, f32(end))));
+                let mask = cell_masks[cell_index(cell)];
+                if all((mask & frame.visible_bins) == vec2<u32>(0u)) {
+                    @if(history) { (*march).history |= mask; }
+                    i = known;
+                    continue;
+                }
             }
         }
         interval(span.ray, t, h, march);
@@ -154,7 +157,6 @@ fn main(
     let item = item_index(group, groups, local);
     if item >= params.items { return; }
     let task = work[params.first_item + item];
-    let at = WORDS * task;
 
     var march: March;
     march.transmittance = 1.0;
@@ -163,26 +165,26 @@ fn main(
     count(GATHERED, march.light.tested);
     count(SAMPLES, march.samples);
     count(UNFINISHED, u32(cut_short));
+    let passed = bitcast<u32>(march.transmittance);
     @if(fluence) {
-        let colour = march.light.radiance + march.glow;
-        segment_words[at] = bitcast<u32>(colour.r);
-        segment_words[at + 1u] = bitcast<u32>(colour.g);
-        segment_words[at + 2u] = bitcast<u32>(colour.b);
+        let colour = bitcast<vec3<u32>>(march.light.radiance + march.glow);
+        segments[3u * task] = colour.xy;
+        segments[3u * task + 1u] = vec2(colour.z, passed);
+        segments[3u * task + 2u] = march.history;
     }
-    @if(!fluence) { sum_up(at, march); }
-    if params.begins == 1u {
-        segment_words[at + TRANSMITTANCE] = bitcast<u32>(march.transmittance);
-        segment_words[at + HISTORY] = march.history.x;
-        segment_words[at + HISTORY + 1u] = march.history.y;
+    @if(!fluence) {
+        let sums = summed(task, march);
+        segments[2u * task] = vec4(sums.red.x, sums.green.x, sums.blue.x, passed);
+        segments[2u * task + 1u] = vec4(march.history, pack_high(sums));
     }
 }
 
+// With the light of points that were gathered before.
 @if(!fluence)
-fn sum_up(at: u32, march: March) {
+fn summed(task: u32, march: March) -> Sums {
     var sums: Sums;
     if params.begins == 0u {
-        let low = vec3(segment_words[at], segment_words[at + 1u], segment_words[at + 2u]);
-        sums = unpack_sums(low, vec2(segment_words[at + 6u], segment_words[at + 7u]));
+        sums = unpack_sums(segments[2u * task].xyz, segments[2u * task + 1u].zw);
     } else {
         @if(emission) {
             let glow = march.glow * params.scale;
@@ -190,13 +192,5 @@ fn sum_up(at: u32, march: March) {
         }
     }
     let light = march.light.sums;
-    sums.red = total(sums.red, light.red);
-    sums.green = total(sums.green, light.green);
-    sums.blue = total(sums.blue, light.blue);
-    let high = pack_high(sums);
-    segment_words[at] = sums.red.x;
-    segment_words[at + 1u] = sums.green.x;
-    segment_words[at + 2u] = sums.blue.x;
-    segment_words[at + 6u] = high.x;
-    segment_words[at + 7u] = high.y;
+    return Sums(total(sums.red, light.red), total(sums.green, light.green), total(sums.blue, light.blue));
 }

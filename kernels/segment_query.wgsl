@@ -12,7 +12,7 @@ import package::shared::segment::{SegmentParams, Span, span_of, HISTORY};
 import package::shared::walk::{walk_begin, walk_leave, walk_step};
 
 @group(0) @binding(8) var<uniform> params: SegmentParams;
-@group(0) @binding(9) var<storage, read> segment_words: array<u32>;
+@group(0) @binding(9) var<storage, read> segments: array<vec2<u32>>;
 // A bit for each pixel that has a segment which is listed.
 @group(0) @binding(10) var<storage, read_write> pixels: array<atomic<u32>>;
 
@@ -37,8 +37,7 @@ struct Reading {
 fn reading(first: u32, several: u32) -> Reading {
     var found: Reading;
     for (var k = 0u; k < several; k++) {
-        let at = params.stride * (first + k * params.pixels) + HISTORY;
-        let history = vec2<u32>(segment_words[at], segment_words[at + 1u]);
+        let history = segments[(params.stride * (first + k * params.pixels) + HISTORY) / 2u];
         found.asked |= select(0u, 1u << k, any((history & params.query) != vec2<u32>(0u)));
         found.any |= select(0u, 1u << k, any(history != vec2<u32>(0u)));
     }

@@ -14,6 +14,7 @@ use crate::query::Query;
 use crate::scene::{Filter, Scene};
 use crate::transfer::{Bins, TABLE_ENTRIES, Table};
 use crate::volume::cells::{CELL_EDGE, MacroCells, spans};
+use crate::volume::texture::{MAX_SQUARES, bytes_of_squares, upload};
 use crate::volume::{Volume, Voxels};
 
 /// Layers of a flight's marks: octaves below the majorant.
@@ -110,6 +111,7 @@ pub struct DeviceScene {
     opened: Vec<u8>,
     range: [f64; 2],
     nearest: bool,
+    squares: bool,
     float_voxels: bool,
     skip: bool,
     history: bool,
@@ -133,14 +135,20 @@ impl DeviceScene {
     /// # Errors
     /// The scene is not settled or an impossible one, or the device refuses.
     pub fn new(gpu: &Gpu, scene: &Scene, volume: &Volume) -> Result<Self> {
-        Self::with_bins(gpu, scene, volume, Bins::uniform(MARK_CLASSES))
+        Self::with(gpu, scene, volume, (Bins::uniform(MARK_CLASSES), MAX_SQUARES))
     }
 
-    /// The same with other bins of histories, to compare them.
+    /// The same with other bins of histories, or with `max_squares` bytes for the volume's squares
+    /// of voxels instead of [`MAX_SQUARES`], to compare them.
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn with_bins(gpu: &Gpu, scene: &Scene, volume: &Volume, bins: Bins) -> Result<Self> {
+    pub fn with(
+        gpu: &Gpu,
+        scene: &Scene,
+        volume: &Volume,
+        (bins, max_squares): (Bins, u64),
+    ) -> Result<Self> {
         scene.check()?;
         let settings = &scene.settings;
         let majorant = settings
@@ -182,7 +190,9 @@ impl DeviceScene {
             values: words(values),
         };
         let ranges = ranges.map(range).collect::<Vec<_>>();
-        let (volume_view, volume_bytes) = upload_volume(gpu, volume)?;
+        let nearest = scene.filter == Filter::Nearest;
+        let squares = !nearest && bytes_of_squares(volume) <= max_squares;
+        let (volume_view, volume_bytes) = upload(gpu, volume, squares)?;
         let device = Self {
             frame_buffer: gpu.upload("frame", &[frame])?,
             optics: gpu.upload("optics", &columns.optics)?,
@@ -197,7 +207,8 @@ impl DeviceScene {
             volume: volume_view,
             volume_bytes,
             range: volume.range(),
-            nearest: scene.filter == Filter::Nearest,
+            nearest,
+            squares,
             float_voxels: matches!(volume.voxels(), Voxels::F32(_)),
             skip: settings.skip_empty,
             history: settings.history,
@@ -277,6 +288,7 @@ impl DeviceScene {
         let [anisotropic, emission] = specialisation(&self.table);
         let all = [
             ("nearest", self.nearest),
+            ("squares", self.squares),
             ("float_voxels", self.float_voxels),
             ("skip", self.skip),
             ("history", self.history),
@@ -355,58 +367,4 @@ fn first_layer(greatest: f32, majorant: f32) -> u32 {
     }
     let holds = |k: &u32| greatest <= majorant * 0.5_f32.powi(*k as i32);
     (1..LAYERS).take_while(holds).last().unwrap_or(0)
-}
-
-/// A texture rather than a buffer: its size is not bound by a binding's.
-fn upload_volume(gpu: &Gpu, volume: &Volume) -> Result<(wgpu::TextureView, u64)> {
-    let [width, height, depth] = volume.size();
-    if volume.size().iter().any(|&n| n > gpu.max_edge()) {
-        return Err(Error::capacity(
-            "volume",
-            format!(
-                "a volume of {width}x{height}x{depth} voxels exceeds the adapter's limit of {} along \
-                 an axis; resample it",
-                gpu.max_edge()
-            ),
-        ));
-    }
-    let format = match volume.voxels() {
-        Voxels::U8(_) => wgpu::TextureFormat::R8Uint,
-        Voxels::U16(_) => wgpu::TextureFormat::R16Uint,
-        Voxels::F32(_) => wgpu::TextureFormat::R32Float,
-    };
-    let layer = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
-    let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
-        label: Some("volume"),
-        size: wgpu::Extent3d { depth_or_array_layers: depth, ..layer },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D3,
-        format,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-        view_formats: &[],
-    });
-    gpu.check("volume")?;
-    let mut bytes = 0;
-    for z in 0..depth {
-        let slab = volume.slab(z as usize);
-        bytes += slab.len() as u64;
-        gpu.queue().write_texture(
-            wgpu::TexelCopyTextureInfo {
-                texture: &texture,
-                mip_level: 0,
-                origin: wgpu::Origin3d { x: 0, y: 0, z },
-                aspect: wgpu::TextureAspect::All,
-            },
-            &slab,
-            wgpu::TexelCopyBufferLayout {
-                offset: 0,
-                bytes_per_row: Some((slab.len() / height as usize) as u32),
-                rows_per_image: None,
-            },
-            layer,
-        );
-    }
-    gpu.check("volume")?;
-    Ok((texture.create_view(&Default::default()), bytes))
 }

@@ -58,7 +58,8 @@ impl Reference {
     /// The film does not fit the adapter.
     pub fn new(gpu: &Gpu, scene: &Scene, device: &DeviceScene) -> Result<Self> {
         let pixels = scene.camera.width as usize * scene.camera.height as usize;
-        let flags = device.flags(&["nearest", "float_voxels", "anisotropic", "emission"]);
+        let flags =
+            device.flags(&["nearest", "squares", "float_voxels", "anisotropic", "emission"]);
         let max_events = match scene.settings.method {
             Method::Mcvr => 1,
             _ => scene.settings.reference_events.unwrap_or(ALL_EVENTS),

@@ -85,8 +85,8 @@ pub const LIST_LIT: u32 = 2;
 pub const SEGMENTS_AT_ONCE: u32 = 32;
 
 /// Points that one thread tests in one dispatch, roughly: some drivers lose patience after a
-/// second or two.
-const TESTS_AT_ONCE: f64 = 262_144.0;
+/// second or two, or after 65 535 turns of its loops.
+const TESTS_AT_ONCE: f64 = 49_152.0;
 
 /// Parts in which the points are gathered, at most.
 const MAX_PARTS: u32 = 1 << 12;
@@ -158,8 +158,8 @@ pub struct SegmentMap {
     query: Arc<Kernel>,
     /// By the magnitude of how many points there are: by that, what an item costs.
     paces: [Pace; 33],
-    /// What was counted, as it was read last.
-    counted: Cell<Counters>,
+    /// What was counted, if an update has read it.
+    counted: Cell<Option<Counters>>,
 }
 
 impl SegmentMap {
@@ -304,8 +304,10 @@ impl SegmentMap {
                         self.list(stage, i, (query, LIST_LIT), split)?;
                         corrected += self.correct(stage, (i, ray), &runs, &mut parts)?;
                     }
-                    self.list(stage, i, (query, LIST_READ), split)?;
-                    recomputed += self.gather(stage, (i, ray), &mut parts)?;
+                    if query != 0 {
+                        self.list(stage, i, (query, LIST_READ), split)?;
+                        recomputed += self.gather(stage, (i, ray), &mut parts)?;
+                    }
                 } else {
                     self.list(stage, i, (query, LIST_READ | LIST_LIT), split)?;
                     recomputed += self.gather(stage, (i, ray), &mut parts)?;
@@ -319,7 +321,8 @@ impl SegmentMap {
         self.bands.iter_mut().for_each(|band| band.fresh = false);
         self.composite.settle();
         let segments = [recomputed + corrected, corrected, u64::from(rays) * self.count()];
-        Ok((segments, self.counted.get()))
+        let counted = self.counted.take().map_or_else(|| stage.counters.read(gpu), Ok)?;
+        Ok((segments, counted))
     }
 
     /// Parts in which to gather the points, so that no thread tests many more than
@@ -354,7 +357,7 @@ impl SegmentMap {
         };
         let mut bindings = [stage.device.bindings(), stage.dirty.bindings()].concat();
         bindings.extend([
-            ("segment_words", (&band.segments).into()),
+            ("segments", (&band.segments).into()),
             ("marks", (&band.list.marks).into()),
             ("pixels", (&band.touched).into()),
             ("counters", stage.counters.buffer().into()),
@@ -364,7 +367,7 @@ impl SegmentMap {
         dispatch.dispatch(&self.query, items.into(), &bindings, &params)?;
         band.list.record(dispatch)?;
         let after = stage.counters.read_with(stage.gpu, &mut [&mut band.list])?;
-        self.counted.set(after);
+        self.counted.set(Some(after));
         band.list.shuffle(stage.gpu, split.shuffle)?;
         after.all_finished("segment_query", "raise `segments`")
     }
@@ -384,7 +387,7 @@ impl SegmentMap {
         loop {
             self.gather_runs(stage, at, &runs, (*parts, true))?;
             let after = counters.read(gpu)?;
-            self.counted.set(after);
+            self.counted.set(Some(after));
             if after.unfinished == 0 {
                 return Ok(listed);
             }
@@ -411,8 +414,9 @@ impl SegmentMap {
         }
         stage.counters.save(stage.gpu)?;
         self.gather_runs(stage, at, runs, (*parts, false))?;
-        self.counted.set(stage.counters.read(stage.gpu)?);
-        if self.counted.get().unfinished == 0 {
+        let after = stage.counters.read(stage.gpu)?;
+        self.counted.set(Some(after));
+        if after.unfinished == 0 {
             return Ok(listed.into());
         }
         // Half-corrected sums are of no use: all is gathered.
@@ -435,7 +439,7 @@ impl SegmentMap {
             let mut bindings = [stage.device.bindings(), run.bindings.clone()].concat();
             bindings.extend([
                 ("work", (&band.list.items).into()),
-                ("segment_words", (&band.segments).into()),
+                ("segments", (&band.segments).into()),
                 ("counters", stage.counters.buffer().into()),
             ]);
             let bound =
@@ -533,6 +537,7 @@ impl SegmentMap {
 fn segment_kernel(gpu: &Gpu, device: &DeviceScene, field: &LightField) -> Result<Arc<Kernel>> {
     let mut flags = device.flags(&[
         "nearest",
+        "squares",
         "float_voxels",
         "anisotropic",
         "emission",

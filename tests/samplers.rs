@@ -3,10 +3,13 @@
 mod common;
 
 use common::draws::{CAMERA, DRAWS, about, bin, draws, judge_uniform, put, vector};
-use common::{Judged, scene_over};
+use common::{Judged, gpu, scene_over};
 use glam::{DMat3, DVec3, dvec3};
-use photogram::probe::{ProbeParams, What};
+use photogram::frame::{DeviceScene, MARK_CLASSES};
+use photogram::probe::{ProbeParams, What, draw};
 use photogram::scene::{Filter, LightKind, Scene};
+use photogram::transfer::Bins;
+use photogram::volume::texture::MAX_SQUARES;
 use photogram::volume::{Values, Volume};
 
 /// Layers across x of given extinctions; values 0, 1, 2 ..., so that under either filter
@@ -180,6 +183,72 @@ fn two_per_cent_more_extinction_is_seen_in_the_flights() {
     let case = (1, Filter::Nearest, true, 300);
     judge_flights(&mut judged, "2 % too dense", &two(1.02), &two(1.0), case);
     assert!(!judged.hold());
+}
+
+#[test]
+fn flights_read_the_values_between_voxels_however_these_lie_on_the_device() {
+    let size = [9, 7, 5];
+    let noise = |i: u32| i.wrapping_mul(2_654_435_761) >> 24;
+    let numbers = || (0..size.iter().product::<u32>()).map(noise);
+    let kinds: [Values; 3] = [
+        numbers().map(|v| v as u8).collect::<Vec<_>>().into(),
+        numbers().map(|v| 100 * v as u16).collect::<Vec<_>>().into(),
+        numbers().map(|v| v as f32 - 50.0).collect::<Vec<_>>().into(),
+    ];
+    for values in kinds {
+        let volume =
+            Volume::new(size, DVec3::ONE, DMat3::IDENTITY, DVec3::ZERO, values).expect("sound");
+        let [low, high] = volume.range();
+        let material = format!("window = [{low}, {high}]\nextinction = 0.2\nalbedo = 1\n");
+        let scene =
+            scene_over(&volume, &format!("{CAMERA}[[material]]\nname = \"all\"\n{material}"));
+        for squares in [MAX_SQUARES, 0] {
+            let bins = Bins::uniform(MARK_CLASSES);
+            let device =
+                DeviceScene::with(gpu(), &scene, &volume, (bins, squares)).expect("uploads");
+            let (origin, direction) = (dvec3(0.1, 0.2, 0.3), dvec3(8.8, 6.7, 4.6).normalize());
+            for (origin, direction) in [(origin, direction), (dvec3(9.0, 6.9, 4.9), -direction)] {
+                let params = ProbeParams {
+                    origin: origin.as_vec3().to_array(),
+                    direction: direction.as_vec3().to_array(),
+                    count: 1 << 12,
+                    ..Default::default()
+                };
+                let flights = draw(gpu(), &device, What::Flight, params).expect("draws");
+                let mut collisions = 0;
+                for [distance, entry, collided, _] in &flights[0] {
+                    if *collided == 0.0 {
+                        continue;
+                    }
+                    collisions += 1;
+                    let at = origin + direction * f64::from(*distance);
+                    let seen = 4096.0 * between_voxels(&volume, at);
+                    let off = (f64::from(*entry) + 0.5 - seen).abs();
+                    assert!(off < 1.0, "entry {entry} of {seen} at {at}, squares {squares}");
+                }
+                assert!(collisions > 1000, "{collisions} collisions");
+            }
+        }
+    }
+}
+
+/// The value at a point, in [0, 1], linear between the centres of voxels of 1 mm.
+fn between_voxels(volume: &Volume, at: DVec3) -> f64 {
+    let last = volume.size().map(|n| f64::from(n - 1));
+    let at = (at - 0.5).to_array();
+    let base = at.map(f64::floor);
+    let mut value = 0.0;
+    for corner in 0..8 {
+        let beyond = [0, 1, 2].map(|axis| f64::from(corner >> axis & 1));
+        let weight = |axis: usize| {
+            let part = at[axis] - base[axis];
+            if beyond[axis] == 1.0 { part } else { 1.0 - part }
+        };
+        let voxel = |axis: usize| (base[axis] + beyond[axis]).clamp(0.0, last[axis]) as u32;
+        let number = f64::from(volume.unit(voxel(0), voxel(1), voxel(2)));
+        value += number * weight(0) * weight(1) * weight(2);
+    }
+    value
 }
 
 /// Share of directions whose cosine with that of travel is below `cosine`.

@@ -44,6 +44,22 @@ fn voxel(at: vec3<i32>) -> f32 {
     return f32(textureLoad(volume, inside, 0).r);
 }
 
+// Four voxels in a square of one slice: the one at (x, y), and those at x + 1, at y + 1 and at
+// both. A texel has all of them, where there is memory for that.
+@if(squares)
+fn square(at: vec3<i32>) -> vec4<f32> {
+    return vec4<f32>(textureLoad(volume, at, 0));
+}
+
+@if(!squares)
+fn square(at: vec3<i32>) -> vec4<f32> {
+    let beyond = at + 1;
+    return vec4(
+        voxel(at), voxel(vec3(beyond.x, at.yz)), voxel(vec3(at.x, beyond.y, at.z)),
+        voxel(vec3(beyond.xy, at.z))
+    );
+}
+
 // Table entry of the value at a point: min(floor(v * 4096), 4095).
 fn entry_of(number: f32) -> u32 {
     let v = number * frame.gain;
@@ -57,15 +73,15 @@ fn entry_at(point: vec3<f32>) -> u32 {
 
 @if(!nearest)
 fn entry_at(point: vec3<f32>) -> u32 {
-    let at = point * frame.per_voxel - 0.5;
+    let last = vec3<f32>(frame.size - 1u);
+    let at = clamp(point * frame.per_voxel - 0.5, vec3<f32>(0.0), last);
     let base = floor(at);
     let f = at - base;
-    let i = vec3<i32>(base);
-    let x00 = mix(voxel(i), voxel(i + vec3(1, 0, 0)), f.x);
-    let x10 = mix(voxel(i + vec3(0, 1, 0)), voxel(i + vec3(1, 1, 0)), f.x);
-    let x01 = mix(voxel(i + vec3(0, 0, 1)), voxel(i + vec3(1, 0, 1)), f.x);
-    let x11 = mix(voxel(i + vec3(0, 1, 1)), voxel(i + vec3(1, 1, 1)), f.x);
-    return entry_of(mix(mix(x00, x10, f.y), mix(x01, x11, f.y), f.z));
+    let near = square(vec3<i32>(base));
+    let far = square(vec3<i32>(vec3(base.xy, min(base.z + 1.0, last.z))));
+    let here = mix(near.xz, near.yw, f.x);
+    let beyond = mix(far.xz, far.yw, f.x);
+    return entry_of(mix(mix(here.x, here.y, f.y), mix(beyond.x, beyond.y, f.y), f.z));
 }
 
 // The bin of a table entry: equal bins are not looked up, which is what most of the time

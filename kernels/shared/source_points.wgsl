@@ -22,24 +22,18 @@ struct Gathered {
     tested: u32,
 }
 
-// Points that one turn of the innermost loop looks at: turns are what some drivers count.
-const AT_ONCE: u32 = 4u;
-
 struct Query {
     point: vec3<f32>,
     weight: f32,
     toward: vec3<f32>,
-    end: u32,        // of the run of points
 }
 
-fn is_near(i: u32, q: Query) -> bool {
-    let away = bitcast<vec3<f32>>(point_places[i].xyz) - q.point;
-    return i < q.end && dot(away, away) < field.radius * field.radius;
-}
-
+// Light that is too far counts as none, and is looked up all the same: not to would take longer.
 fn with_point(i: u32, q: Query, so_far: Gathered) -> Gathered {
-    if !is_near(i, q) { return so_far; }
-    let share = share_of(point_lights[i], i, q);
+    let light = point_lights[i];
+    let away = bitcast<vec3<f32>>(point_places[i].xyz) - q.point;
+    let is_near = dot(away, away) < field.radius * field.radius;
+    let share = share_of(select(vec4<f32>(0.0), light, is_near), i, q);
     return Gathered(sums_with(so_far.sums, share.value), so_far.clamped + share.clamped, so_far.tested);
 }
 
@@ -80,13 +74,11 @@ fn gather(
     var sum = so_far;
     let cell = points_cell(point, field);
     let at = point / field.radius;
-    // Where the points of each row are, all asked for before any is looked at.
-    var runs: array<vec2<u32>, ROWS>;
-    var rows = 0u;
     let widest = vec2(max(cell.x - 1, 0), min(cell.x + 1, i32(field.grid.x) - 1));
     // Only rows that have any are asked.
     var asked = (1u << ROWS) - 1u;
     if field.shift == 0u { asked = starts[rows_at(cell, field)]; }
+    let q = Query(point, weight, toward);
     var met = 0u;    // points of rows before: a bucket may have cells of two
     while asked != 0u {
         let row = row_beside(cell, firstTrailingBit(asked));
@@ -100,32 +92,13 @@ fn gather(
         let half = sqrt(reach) + SLACK;
         let least = i32(floor(at.x - half));
         let most = i32(floor(at.x + half));
-        var run = points_between(params, clamp(vec2(least, most), widest.xx, widest.yy), row);
-        run.x = max(run.x, met);
-        if run.x < run.y {
-            runs[rows] = run;
-            rows++;
-            sum.tested += run.y - run.x;
-            met = run.y;
-        }
+        let run = points_between(params, clamp(vec2(least, most), widest.xx, widest.yy), row);
+        var i = max(run.x, met);
+        met = max(run.y, i);
+        sum.tested += met - i;
+        for (; i < met; i++) { sum = with_point(i, q, sum); }
+        expect(i == met);
     }
     expect(asked == 0u);
-    // One loop over all of them: threads side by side that find fewer here find more there.
-    var q = Query(point, weight, toward, 0u);
-    var i = 0u;
-    var row = 0u;
-    while i < q.end || row < rows {
-        if i >= q.end {
-            i = runs[row].x;
-            q.end = runs[row].y;
-            row++;
-        }
-        sum = with_point(i, q, sum);
-        sum = with_point(i + 1u, q, sum);
-        sum = with_point(i + 2u, q, sum);
-        sum = with_point(i + 3u, q, sum);
-        i += AT_ONCE;
-    }
-    expect(i >= q.end && row == rows);
     return sum;
 }

@@ -16,6 +16,7 @@ use crate::scene::Scene;
 use crate::transfer::{BINS, Bins, TABLE_ENTRIES};
 use crate::update::PhotonFrame;
 use crate::volume::Volume;
+use crate::volume::texture::MAX_SQUARES;
 
 /// Scenes with an edit of a material's density.
 const EDITS: [(&str, &str, f64); 7] = [
@@ -76,7 +77,7 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
             };
         let (mut photons, mut changed) = (0, 0);
         for (label, bins) in kinds(&volume) {
-            let device = DeviceScene::with_bins(gpu, &scene, &volume, bins)?;
+            let device = DeviceScene::with(gpu, &scene, &volume, (bins, MAX_SQUARES))?;
             let mut frame = PhotonFrame::new(gpu, &scene, device, 1, &Split::default())?;
             warm(gpu, &mut frame)?;
             let [full] = in_turn(effort.runs, [&mut rebuild(gpu, &mut frame)])?;
@@ -218,7 +219,7 @@ fn two_words(
         };
         let bins =
             Bins { bin_of_entry: (0..TABLE_ENTRIES as u32).map(bin_of).collect(), mark_classes };
-        let device = DeviceScene::with_bins(gpu, before, volume, bins)?;
+        let device = DeviceScene::with(gpu, before, volume, (bins, MAX_SQUARES))?;
         let mut frame = PhotonFrame::new(gpu, before, device, 1, &split)?;
         // The photons will do.
         let mut traced = |boundary| boundary == "light field";

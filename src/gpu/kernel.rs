@@ -23,7 +23,10 @@ static SOURCES: Dir = include_dir!("$CARGO_MANIFEST_DIR/kernels");
 pub const KERNELS: &[(&str, &[&str])] = &[
     ("scan_blocks", &[]),
     ("scan_sums", &[]),
-    ("trace", &["nearest", "float_voxels", "anisotropic", "history", "skip", "listed_bins"]),
+    (
+        "trace",
+        &["nearest", "squares", "float_voxels", "anisotropic", "history", "skip", "listed_bins"],
+    ),
     ("layers", &[]),
     ("photon_query", &[]),
     ("list_sums", &[]),
@@ -43,7 +46,7 @@ pub const KERNELS: &[(&str, &[&str])] = &[
     ("points_merge", &[]),
     ("points_shift", &[]),
     ("points_rows", &[]),
-    ("points_mean", &["nearest", "float_voxels", "history", "listed_bins"]),
+    ("points_mean", &["nearest", "squares", "float_voxels", "history", "listed_bins"]),
     ("points_record", &["even", "anisotropic"]),
     ("points_dirty", &[]),
     ("points_count", &[]),
@@ -57,6 +60,7 @@ pub const KERNELS: &[(&str, &[&str])] = &[
             "even",
             "anisotropic",
             "nearest",
+            "squares",
             "float_voxels",
             "emission",
             "history",
@@ -66,8 +70,11 @@ pub const KERNELS: &[(&str, &[&str])] = &[
     ),
     ("segment_query", &[]),
     ("composite", &["points"]),
-    ("reference", &["nearest", "float_voxels", "anisotropic", "emission"]),
-    ("probe", &["nearest", "float_voxels", "anisotropic", "history", "skip", "listed_bins"]),
+    ("reference", &["nearest", "squares", "float_voxels", "anisotropic", "emission"]),
+    (
+        "probe",
+        &["nearest", "squares", "float_voxels", "anisotropic", "history", "skip", "listed_bins"],
+    ),
 ];
 
 /// A compiled kernel.

@@ -430,6 +430,7 @@ fn eighteen_bits(factor: f64) -> (u32, i32) {
 }
 
 fn trace_kernel(gpu: &Gpu, scene: &DeviceScene) -> Result<Arc<Kernel>> {
-    let flags = ["nearest", "float_voxels", "anisotropic", "history", "skip", "listed_bins"];
+    let flags =
+        ["nearest", "squares", "float_voxels", "anisotropic", "history", "skip", "listed_bins"];
     gpu.kernel("trace", &scene.flags(&flags))
 }

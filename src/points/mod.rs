@@ -178,7 +178,7 @@ impl Points {
             shift: gpu.kernel("points_shift", &[])?,
             mean: gpu.kernel(
                 "points_mean",
-                &scene.flags(&["nearest", "float_voxels", "history", "listed_bins"]),
+                &scene.flags(&["nearest", "squares", "float_voxels", "history", "listed_bins"]),
             )?,
             record: record_kernel(gpu, scene, even)?,
             dirty: gpu.kernel("points_dirty", &[])?,

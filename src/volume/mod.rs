@@ -16,6 +16,7 @@ pub mod cells;
 pub mod nifti;
 pub mod nrrd;
 pub mod phantom;
+pub mod texture;
 mod values;
 
 pub use values::{Elements, Kind, Values};
