@@ -1,8 +1,7 @@
 // Puts a pixel's segments together, front to back, H(4), and adds the ray to the film.
 
 import package::shared::item::item_index;
-import package::shared::segment::TRANSMITTANCE;
-@if(points) import package::shared::segment_sums::{SUM_WORDS, unpack_sums};
+@if(points) import package::shared::segment_sums::unpack_sums;
 @if(points) import package::shared::sum64::sum_to_float;
 import package::constants::GROUP;
 
@@ -20,24 +19,28 @@ struct CompositeParams {
 }
 
 @group(0) @binding(8) var<uniform> params: CompositeParams;
-@group(0) @binding(9) var<storage, read> segment_words: array<u32>;
+@if(points) @group(0) @binding(9) var<storage, read> segments: array<vec4<u32>>;
+@if(!points) @group(0) @binding(9) var<storage, read> segments: array<vec2<u32>>;
 @group(0) @binding(10) var<storage, read_write> film: array<vec4<f32>>;
 @group(0) @binding(11) var<storage, read> touched: array<u32>; // a bit for each pixel
 
-@if(points) const WORDS: u32 = SUM_WORDS;
-@if(!points) const WORDS: u32 = 6u;
+struct Seen {
+    light: vec3<f32>,
+    transmittance: f32,
+}
 
 @if(points)
-fn light_of(at: u32) -> vec3<f32> {
-    let low = vec3(segment_words[at], segment_words[at + 1u], segment_words[at + 2u]);
-    let sums = unpack_sums(low, vec2(segment_words[at + 6u], segment_words[at + 7u]));
-    return vec3(sum_to_float(sums.red), sum_to_float(sums.green), sum_to_float(sums.blue))
-        / params.scale;
+fn segment(at: u32) -> Seen {
+    let low = segments[2u * at];
+    let sums = unpack_sums(low.xyz, segments[2u * at + 1u].zw);
+    let light = vec3(sum_to_float(sums.red), sum_to_float(sums.green), sum_to_float(sums.blue));
+    return Seen(light / params.scale, bitcast<f32>(low.w));
 }
 
 @if(!points)
-fn light_of(at: u32) -> vec3<f32> {
-    return bitcast<vec3<f32>>(vec3(segment_words[at], segment_words[at + 1u], segment_words[at + 2u]));
+fn segment(at: u32) -> Seen {
+    let words = bitcast<vec4<f32>>(vec4(segments[3u * at], segments[3u * at + 1u]));
+    return Seen(words.xyz, words.w);
 }
 
 @compute @workgroup_size(GROUP)
@@ -52,9 +55,9 @@ fn main(
     var colour = vec3<f32>(0.0);
     var through = 1.0;
     for (var s = 0u; s < params.segments; s++) {
-        let at = WORDS * (s * params.pixels + pixel);
-        colour += through * light_of(at);
-        through *= bitcast<f32>(segment_words[at + TRANSMITTANCE]);
+        let seen = segment(s * params.pixels + pixel);
+        colour += through * seen.light;
+        through *= seen.transmittance;
     }
     colour += through * params.background;
     let at = params.first_pixel + pixel;

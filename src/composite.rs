@@ -88,7 +88,7 @@ impl Composite {
     ) -> Result<()> {
         let params = CompositeParams { background: self.background, ..params };
         let bindings = [
-            ("segment_words", segments.into()),
+            ("segments", segments.into()),
             ("film", (&self.film).into()),
             ("touched", touched.into()),
         ];

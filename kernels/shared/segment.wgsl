@@ -30,9 +30,8 @@ struct SegmentParams {
     pad1: u32,
 }
 
-// Words of a segment beside its light: those are words 0 to 2, and 6 and 7 where they are
-// integer sums.
-const TRANSMITTANCE: u32 = 3u;
+// Words of a segment: its light, three; its transmittance; its history, two; and where its light is
+// integer sums, what they have above 32 bits, two.
 const HISTORY: u32 = 4u;
 
 // What one segment covers of its ray.

@@ -5,7 +5,6 @@
 import package::shared::counter::{OVERFLOWN, count};
 import package::shared::sum64::added_signed;
 
-const SUM_WORDS: u32 = 8u;
 const HIGH: u32 = 0xfffffu;  // bits of a sum above its low word
 
 struct Sums {
