@@ -1,7 +1,7 @@
 // What tracing anew has changed: a photon's task then begins at its first slot that
 // differs from the journal, histories aside, and only what follows is handed on. For the
 // fluence photons that changed are marked; for `points`, which have an order, slots that came,
-// went or are elsewhere.
+// went or are elsewhere, and those of another power.
 
 import package::constants::GROUP;
 import package::shared::counter::{CHANGED, MOVED, REPOWERED, count};
@@ -42,12 +42,12 @@ fn main(
         let differs = is_elsewhere || any(now.xy != before.xy);
         if differs { first = min(first, event); }
         @if(points) {
-            if is_elsewhere {
-                atomicOr(&moved[live / 32u], 1u << (live % 32u));
-                elsewhere++;
-            } else {
-                repowered += u32(differs);
+            if differs {
+                let beyond = select(arrayLength(&moved) / 2u, 0u, is_elsewhere);
+                atomicOr(&moved[beyond + live / 32u], 1u << (live % 32u));
             }
+            elsewhere += u32(is_elsewhere);
+            repowered += u32(differs && !is_elsewhere);
         }
         @if(!points) { if first != NOTHING { break; } }
     }

@@ -5,6 +5,7 @@
 // `even` also divides by the mean extinction around it, so that what is blurred is
 // fluence, which is smooth, and not collision density, which is not.
 
+import package::shared::counter::{REFRESHED, count};
 import package::shared::item::item_index;
 import package::shared::phase::PI;
 import package::shared::points::PointsParams;
@@ -30,26 +31,29 @@ fn light_of(point: u32) -> vec4<f32> {
     return vec4<f32>(light, material.a);
 }
 
-fn record(point: u32, is_kept: bool) {
-    // Those of other batches are not looked at: this wraps where they come before.
-    if slots[point] - params.first_slot >= params.slots { return; }
+// Returns whether it is the batch's: others are not looked at.
+fn record(point: u32, is_kept: bool) -> bool {
+    // This wraps where they come before.
+    if slots[point] - params.first_slot >= params.slots { return false; }
     var light = vec4<f32>(0.0);
     if is_kept { light = light_of(point); }
     if params.fresh == 1u {
         point_lights[point] = light;
-        return;
+        return true;
     }
     let seen = point_lights[point];
     let differs = any(bitcast<vec4<u32>>(seen) != bitcast<vec4<u32>>(light));
     let bit = 1u << (point % 32u);
     if differs && any(max(seen.rgb, light.rgb) > vec3<f32>(0.0)) {
         atomicOr(&changed[point / 32u], bit);
-    } else if (atomicLoad(&changed[point / 32u]) & bit) != 0u {
+    } else {
         atomicAnd(&changed[point / 32u], ~bit);
     }
-    if !differs { return; }
-    seen_lights[point] = seen;
-    point_lights[point] = light;
+    if differs {
+        seen_lights[point] = seen;
+        point_lights[point] = light;
+    }
+    return true;
 }
 
 @compute @workgroup_size(GROUP)
@@ -58,24 +62,26 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) local: u32,
 ) {
-    // A thread for each point; or for each word of them, where most may stay as they are. A mean
-    // that changed has marked its point.
+    // A thread for each point; or for each word of them, where those that may have other light
+    // are marked.
     let is_fresh = params.fresh == 1u;
-    let may_stay = !is_fresh && params.stay == 1u;
-    let i = item_index(group, groups, local) * select(1u, 32u, may_stay);
+    let are_marked = !is_fresh && params.marked == 1u;
+    let i = item_index(group, groups, local) * select(1u, 32u, are_marked);
     if i >= params.count { return; }
     let begin = params.first + i;
     let word = begin / 32u;
     var staying = 0xffffffffu;
     if !is_fresh && params.all == 0u { staying = kept[word]; }
     var open = 1u << (begin % 32u);
-    if may_stay {
+    if are_marked {
         let beyond = max(begin + 32u, params.count) - params.count;
         open = (0xffffffffu >> beyond) & (atomicLoad(&changed[word]) | ~staying);
     }
+    var recorded = 0u;
     while open != 0u {
         let at = firstTrailingBit(open);
         open &= open - 1u;
-        record(32u * word + at, extractBits(staying, at, 1u) == 1u);
+        recorded += u32(record(32u * word + at, extractBits(staying, at, 1u) == 1u));
     }
+    if are_marked { count(REFRESHED, recorded); }
 }

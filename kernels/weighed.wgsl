@@ -49,6 +49,9 @@ fn main(
             states[at].y = old.w | (old.y & ~0x3ffffu);
             interactions += u32(slot_kind(old) == INTERACTION);
             repowered++;
+            @if(points) {
+                atomicOr(&moved[arrayLength(&moved) / 2u + at / 32u], 1u << (at % 32u));
+            }
         }
     }
     tasks[photon] = pack_task(Task(first, NOTHING));

@@ -48,6 +48,8 @@ pub struct Counters {
     pub moved: u64,
     /// Slots of photons that are where they were, of another power.
     pub repowered: u64,
+    /// Means and lights of points that an update found again where they are.
+    pub refreshed: u64,
 }
 
 impl Counters {
@@ -128,7 +130,7 @@ impl CounterBuffer {
     /// The device failed.
     pub fn save(&self, gpu: &Gpu) -> Result<()> {
         let mut stage = gpu.stage("counters");
-        stage.copy(&self.counters, (&self.saved, 0));
+        stage.copy((&self.counters, 0..self.counters.size()), (&self.saved, 0));
         stage.finish()
     }
 
@@ -138,7 +140,7 @@ impl CounterBuffer {
     /// The device failed.
     pub fn restore(&self, gpu: &Gpu) -> Result<()> {
         let mut stage = gpu.stage("counters");
-        stage.copy(&self.saved, (&self.counters, 0));
+        stage.copy((&self.saved, 0..self.saved.size()), (&self.counters, 0));
         stage.finish()
     }
 

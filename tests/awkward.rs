@@ -92,6 +92,31 @@ fn a_colour_edit_gathers_what_changed_and_nothing_else() {
     assert!(gathered > 0 && gathered < of, "{gathered} of {of}");
 }
 
+/// `even` gives light again only to points of another power and to those with an edited value around
+/// them; one of the paper's, which knows no values, to all.
+#[test]
+fn a_colour_edit_lights_again_what_may_be_of_another() {
+    for weighting in [Weighting::Even, Weighting::Plain] {
+        let (mut scene, volume) = world(Estimator::Points, weighting, Filter::Linear);
+        let mut frame = frame(&scene, &volume, &Split::default());
+        let silent = &mut Progress::silent();
+        let all = frame.rebuild(gpu(), &Split::default(), silent).expect("rebuilds");
+        let each = if weighting == Weighting::Even { 3 } else { 2 };
+        assert_eq!((all.points_built, all.counts.refreshed), (each * all.points, 0));
+        scene.materials[2].colour = DVec3::new(0.3, 0.5, 0.9);
+        let (_, done) = update(&mut frame, &scene, &Split::default());
+        assert_eq!(difference(&frame, &scene, &volume), None);
+        assert!(done.counts.repowered > 0 && done.counts.moved == 0);
+        let lit = match weighting {
+            Weighting::Even => done.counts.refreshed,
+            Weighting::Plain => all.points,
+        };
+        assert!(lit >= done.points && lit < all.points + u64::from(weighting == Weighting::Plain));
+        // Lights that were seen and those of now are both taken.
+        assert_eq!(done.points_built, lit + 2 * done.points);
+    }
+}
+
 /// Edits of a light, of the camera and of the background leave the photons of others alone.
 #[test]
 fn photons_of_others_stay() {

@@ -135,7 +135,7 @@ fn a_rank_is_how_many_are_marked_in_the_words_before() {
 fn writes_wait_for_what_was_recorded_before() {
     let (from, to) = (uploaded(&[1; 64]), uploaded(&[0; 64]));
     let mut stage = gpu().stage("copy");
-    stage.copy(&from, (&to, 0));
+    stage.copy((&from, 0..from.size()), (&to, 0));
     stage.finish().expect("it records");
     gpu().write(&from, &[2_u32; 64]);
     assert_eq!(fetched(&to), [1; 64]);

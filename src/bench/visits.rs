@@ -33,10 +33,10 @@ const OF_FLUENCE: [Stage; 3] = [
     ("deposit", deposits, |u| u.counts.deposits),
     ("segment", |c| c.phases.segments, gathered),
 ];
-/// Points are visited where their light changed; in a full rebuild all come.
+/// A visit of points is a mean, a light or a place that one is given.
 const OF_POINTS: [Stage; 3] = [
     ("trace", |c| c.phases.photons, flown),
-    ("points", |c| c.phases.light_field, |u| u.points),
+    ("points", |c| c.phases.light_field, |u| u.points_built),
     ("segment", |c| c.phases.segments, gathered),
 ];
 

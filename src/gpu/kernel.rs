@@ -47,6 +47,7 @@ pub const KERNELS: &[(&str, &[&str])] = &[
     ("points_shift", &[]),
     ("points_rows", &[]),
     ("points_mean", &["nearest", "squares", "float_voxels", "history", "listed_bins"]),
+    ("points_query", &[]),
     ("points_record", &["even", "anisotropic"]),
     ("points_dirty", &[]),
     ("points_count", &[]),

@@ -298,10 +298,17 @@ impl<'g> Stage<'g> {
         lock(&self.gpu.recorder).encoder(self.gpu).clear_buffer(buffer, 0, Some(bytes));
     }
 
-    /// Copies a buffer into another, from a byte there on.
-    pub fn copy(&mut self, from: &wgpu::Buffer, (to, at): (&wgpu::Buffer, u64)) {
+    /// Copies a part of a buffer, in bytes, into another, from a byte there on.
+    pub fn copy(&mut self, from: (&wgpu::Buffer, std::ops::Range<u64>), to: (&wgpu::Buffer, u64)) {
+        let ((from, part), (to, at)) = (from, to);
         let mut recorder = lock(&self.gpu.recorder);
-        recorder.encoder(self.gpu).copy_buffer_to_buffer(from, 0, to, at, from.size());
+        recorder.encoder(self.gpu).copy_buffer_to_buffer(
+            from,
+            part.start,
+            to,
+            at,
+            part.end - part.start,
+        );
     }
 
     /// Ends the stage. Nobody waits, unless the device has no clock and the host's must do.

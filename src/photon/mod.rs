@@ -137,11 +137,12 @@ pub struct Batch {
     pub relit: bool,
     /// Slots changed that the light field does not know of yet.
     pub stale: bool,
-    /// A bit for each slot that came, went or is elsewhere, and the light field does not know.
+    /// A bit for each slot that came, went or is elsewhere, and the light field does not know; then
+    /// one for each that is where it was, of another power.
     pub moved: wgpu::Buffer,
-    /// Whether there is any.
+    /// Whether there is any of the former.
     pub any_moved: bool,
-    /// Whether a slot is where it was, of another power, and the light field does not know.
+    /// Whether there is any of the latter.
     pub any_repowered: bool,
 }
 
@@ -159,7 +160,7 @@ impl Batch {
             list: WorkList::new(gpu, photons)?,
             relit: false,
             stale: true,
-            moved: gpu.buffer::<u32>("moved slots", slots.div_ceil(32))?,
+            moved: gpu.buffer::<u32>("moved slots", 2 * slots.div_ceil(32))?,
             any_moved: true,
             any_repowered: true,
         };
@@ -198,8 +199,9 @@ impl Batch {
     /// # Errors
     /// The device failed.
     pub fn settle(&mut self, gpu: &Gpu) -> Result<()> {
-        (self.stale, self.any_repowered) = (false, false);
-        if std::mem::take(&mut self.any_moved) {
+        self.stale = false;
+        let [moved, repowered] = [&mut self.any_moved, &mut self.any_repowered].map(std::mem::take);
+        if moved || repowered {
             let mut stage = gpu.stage("moved slots");
             stage.clear(&self.moved);
             stage.finish()?;

@@ -118,6 +118,9 @@ impl Points {
         if matches!(self.changes, Changes::None) {
             self.changes = self.found(gpu, &listed)?;
         }
+        if let Changes::Listed(taken) = &self.changes {
+            self.built += u64::from(taken.count);
+        }
         counters.read(gpu)?.all_finished("points", "lower `radius`")?;
         Ok(count(&listed))
     }

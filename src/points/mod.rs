@@ -16,6 +16,7 @@ mod table;
 
 use std::sync::Arc;
 
+use crate::counter::CounterBuffer;
 use crate::error::{Error, Result};
 use crate::frame::{DeviceScene, words};
 use crate::gpu::Gpu;
@@ -57,8 +58,8 @@ shared_struct! {
         /// 1 where it is of all slots, or of all points; 0 where of those that moved, stay or are
         /// listed.
         pub all: u32,
-        /// 1 where a point that is where it was has other light only if its mean changed.
-        pub stay: u32,
+        /// 1 where a point that is where it was has other light only if it is marked.
+        pub marked: u32,
         /// Bins whose extinction changed since.
         pub changed: [u32; 2],
         /// 1 where nobody has seen these points.
@@ -70,10 +71,8 @@ shared_struct! {
         pub first_slot: u32,
         /// How many those are.
         pub slots: u32,
-        /// Keeps the size a multiple of 16.
-        pub pad0: u32,
-        /// The same.
-        pub pad1: u32,
+        /// Bins whose colour or phase changed since, and those beside them.
+        pub recoloured: [u32; 2],
     }
 }
 
@@ -103,6 +102,9 @@ pub struct Points {
     changes: Changes,
     /// Points of tables with others that the last build did not find where they had been.
     pub(crate) elsewhere: u64,
+    /// Means, lights and places that the last build gave to points, beside those that were found
+    /// again where they are ([`Counters::refreshed`](crate::counter::Counters)).
+    pub(crate) built: u64,
     /// Means have histories.
     history: bool,
     /// Segments have not seen what an earlier build changed.
@@ -115,6 +117,7 @@ pub struct Points {
     merge: Arc<Kernel>,
     shift: Arc<Kernel>,
     mean: Arc<Kernel>,
+    query: Arc<Kernel>,
     record: Arc<Kernel>,
     dirty: Arc<Kernel>,
     dirty_pace: Pace,
@@ -169,6 +172,7 @@ impl Points {
             moved: Vec::new(),
             changes: Changes::None,
             elsewhere: 0,
+            built: 0,
             history: settings.history,
             unsettled: false,
             mark: gpu.kernel("points_mark", &[])?,
@@ -180,6 +184,7 @@ impl Points {
                 "points_mean",
                 &scene.flags(&["nearest", "squares", "float_voxels", "history", "listed_bins"]),
             )?,
+            query: gpu.kernel("points_query", &[])?,
             record: record_kernel(gpu, scene, even)?,
             dirty: gpu.kernel("points_dirty", &[])?,
             dirty_pace: Pace::new(1 << 14),
@@ -217,10 +222,10 @@ impl Points {
         gpu: &Gpu,
         scene: &DeviceScene,
         map: &mut PhotonMap,
-        (query, split): (&Query, &Split),
+        (query, split, counters): (&Query, &Split, &CounterBuffer),
         progress: &mut Progress,
     ) -> Result<()> {
-        self.elsewhere = 0;
+        (self.elsewhere, self.built) = (0, 0);
         // Segments correct their sums by what one build changed, not by two.
         self.changes = if self.unsettled { Changes::TooMany } else { Changes::None };
         let reaches = |columns| query.changes.iter().any(|change| change & columns != 0);
@@ -228,7 +233,10 @@ impl Points {
         let weights = reaches(CHANGE_PHASE | CHANGE_ALBEDO);
         let all = weights || self.even && reaches(extinction);
         self.params.changed = words(query.mask(extinction, &scene.bins));
-        self.params.stay = (!weights).into();
+        // Another kernel may have rounded a point's own value into the next bin.
+        let recoloured = query.mask(CHANGE_PHASE | CHANGE_ALBEDO, &scene.bins);
+        self.params.recoloured = words(recoloured | recoloured << 1 | recoloured >> 1);
+        self.params.marked = (self.even || !weights).into();
         self.moved.clear();
         let fit = (gpu.max_binding() / 16).min(u32::MAX.into()) as u32;
         let most = split.table_slots.unwrap_or(fit);
@@ -236,7 +244,7 @@ impl Points {
         let total = tables.len() as u64;
         for (i, table) in tables.into_iter().enumerate() {
             let now = match all || !table.is_current(map) {
-                true => self.refreshed(gpu, scene, map, (table, all), split)?,
+                true => self.refreshed(gpu, scene, map, (table, all), (split, counters))?,
                 false => table,
             };
             self.tables.push(now);

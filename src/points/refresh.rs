@@ -4,6 +4,7 @@
 use super::changes::Moved;
 use super::table::{Member, Part, Table};
 use super::{MEAN_BLOCK, Points, PointsParams};
+use crate::counter::CounterBuffer;
 use crate::error::Result;
 use crate::frame::DeviceScene;
 use crate::gpu::scan::Scanner;
@@ -49,10 +50,11 @@ impl Points {
         scene: &DeviceScene,
         map: &PhotonMap,
         (mut table, all): (Table, bool),
-        split: &Split,
+        (split, counters): (&Split, &CounterBuffer),
     ) -> Result<Table> {
         if !table.members.iter().any(|member| member.moves(map)) {
-            self.moved.push(self.refresh(gpu, scene, map, (&table, None), all)?);
+            let moved = self.refresh(gpu, (scene, map), (&table, None), (all, counters))?;
+            self.moved.push(moved);
             return Ok(table);
         }
         let is_first = table.part.count == 0;
@@ -70,9 +72,13 @@ impl Points {
             let lists = entering.iter_mut().map(|of| &mut of.list);
             WorkList::learn(gpu, &mut lists.collect::<Vec<_>>())?;
         } else if !is_first {
-            self.moved.push(self.refresh(gpu, scene, map, (&table, Some(&kept.list)), all)?);
+            let before = (&table, Some(&kept.list));
+            let moved = self.refresh(gpu, (scene, map), before, (all, counters))?;
+            self.moved.push(moved);
         }
         self.elsewhere += if is_first { 0 } else { u64::from(new) };
+        self.built += u64::from(new) * if self.even { 2 } else { 1 };
+        self.built += u64::from(kept.list.count + new);
         let new = self.entered(gpu, scene, &entering)?;
         self.moved.push(Moved::came(&new));
         let part = self.merged(gpu, &table, &kept, &new)?;
@@ -85,16 +91,15 @@ impl Points {
     fn kept(&self, gpu: &Gpu, map: &PhotonMap, table: &Table) -> Result<Kept> {
         let count = table.part.count;
         let kept = Kept::none(gpu, count)?;
-        // A bit for each slot of the table: of batches that are gone, all.
-        let moved = gpu.buffer::<u32>("moved slots", table.slots().div_ceil(32) as usize)?;
+        // Of batches that are gone, all.
+        let moved = slot_bits(gpu, table)?;
         if table.members.iter().any(|member| member.batch(map).is_none()) {
             fill(gpu, "points_keep", &moved, &[u32::MAX])?;
         }
         let mut stage = gpu.stage("points_keep");
         for member in &table.members {
-            if let Some(Batch { moved: own, .. }) = member.batch(map) {
-                stage.copy(own, (&moved, u64::from(member.slots.start / 8)));
-            }
+            let Some(Batch { moved: own, .. }) = member.batch(map) else { continue };
+            stage.copy((own, 0..own.size() / 2), member.bits(&moved));
         }
         let bindings = [
             ("moved", (&moved).into()),
@@ -145,6 +150,7 @@ impl Points {
             ("kept", (&none.slots).into()),
             ("seen_lights", (&none.lights).into()),
             ("changed", (&none.keys).into()),
+            ("counters", (&none.keys).into()),
         ]);
         let mut first = 0;
         let mut each = Vec::new();
@@ -175,12 +181,11 @@ impl Points {
 
     /// Gives the points of a table the light that they have now: those that are kept, or all.
     fn refresh(
-        &self,
+        &mut self,
         gpu: &Gpu,
-        scene: &DeviceScene,
-        map: &PhotonMap,
+        (scene, map): (&DeviceScene, &PhotonMap),
         (table, kept): (&Table, Option<&WorkList>),
-        all: bool,
+        (all, counters): (bool, &CounterBuffer),
     ) -> Result<Moved> {
         let part = &table.part;
         let count = part.count;
@@ -192,11 +197,26 @@ impl Points {
             ("kept", kept.map_or(&self.none.slots, |kept| &kept.marks).into()),
             ("seen_lights", (&seen).into()),
             ("changed", (&changed.marks).into()),
+            ("counters", counters.buffer().into()),
         ]);
+        if params.marked == 0 {
+            self.built += u64::from(count);
+        }
         let mut stage = gpu.stage("points_record");
         changed.unmark(&mut stage);
-        if self.even && params.changed != [0, 0] {
+        if self.even && [params.changed, params.recoloured] != [[0, 0]; 2] {
             stage.dispatch(&self.mean, mean_threads(count), &bindings, &params)?;
+        }
+        let is_repowered =
+            |member: &Member| member.batch(map).is_some_and(|batch| batch.any_repowered);
+        if params.marked == 1 && table.members.iter().any(is_repowered) {
+            let bits = slot_bits(gpu, table)?;
+            for member in &table.members {
+                let Some(Batch { moved: own, .. }) = member.batch(map) else { continue };
+                stage.copy((own, own.size() / 2..own.size()), member.bits(&bits));
+            }
+            let own = [bindings.as_slice(), &[("repowered", (&bits).into())]].concat();
+            stage.dispatch(&self.query, count.into(), &own, &params)?;
         }
         for member in &table.members {
             let batch = member.batch(map);
@@ -206,10 +226,8 @@ impl Points {
             // Of a batch that is gone no point is kept, and no state is asked for.
             let states = batch.map_or(&part.places, |batch| &batch.states);
             let own = [bindings.as_slice(), &[("states", states.into())]].concat();
-            let is_repowered = batch.is_some_and(|batch| batch.any_repowered);
-            let stay = if is_repowered { 0 } else { params.stay };
-            let params = member.within(PointsParams { stay, ..params });
-            let threads = if stay == 1 { count.div_ceil(32) } else { count };
+            let params = member.within(params);
+            let threads = if params.marked == 1 { count.div_ceil(32) } else { count };
             stage.dispatch(&self.record, threads.into(), &own, &params)?;
         }
         stage.finish()?;
@@ -257,6 +275,11 @@ impl Points {
         stage.finish()?;
         Ok(part)
     }
+}
+
+/// Room for a bit for each slot of a table.
+fn slot_bits(gpu: &Gpu, table: &Table) -> Result<wgpu::Buffer> {
+    gpu.buffer::<u32>("slot bits", table.slots().div_ceil(32) as usize)
 }
 
 /// Whether to take all points anew rather than those that moved, and merge them with those that

@@ -110,6 +110,11 @@ impl Member {
         !self.entered || self.batch(map).is_none_or(|batch| batch.any_moved)
     }
 
+    /// Where its slots begin, of so many bits.
+    pub fn bits<'a>(&self, bits: &'a wgpu::Buffer) -> (&'a wgpu::Buffer, u64) {
+        (bits, u64::from(self.slots.start / 8))
+    }
+
     /// Where its slots are, for kernels.
     pub fn within(&self, params: PointsParams) -> PointsParams {
         PointsParams { first_slot: self.slots.start, slots: self.slots.len() as u32, ..params }

@@ -93,6 +93,9 @@ pub struct Updated {
     /// Points whose light changed, those that went and those that came among them; 0 where
     /// segments do not ask for light.
     pub points: u64,
+    /// Means, lights and places in the table that points were given, each on its own; those found
+    /// again and the same count, too.
+    pub points_built: u64,
     /// Segments computed again.
     pub recomputed: u64,
     /// Of them, those whose light alone was corrected by the points that changed.
@@ -222,6 +225,9 @@ impl PhotonFrame {
             gpu.enter(SEGMENTS);
             let (segments, counts) = self.view(gpu, split, progress)?;
             ([done.recomputed, done.corrected, done.segments], done.counts) = (segments, counts);
+            if let LightField::Points(points) = &self.field {
+                done.points_built = points.built + done.counts.refreshed;
+            }
             done.counts.all_fitted()?;
             self.settle(gpu)?;
             gpu.enter(ELSEWHERE);
@@ -367,7 +373,8 @@ impl PhotonFrame {
                 if self.fresh {
                     points.forget();
                 }
-                points.build(gpu, &self.scene, &mut self.map, (&self.query, split), progress)?;
+                let with = (&self.query, split, &self.counters);
+                points.build(gpu, &self.scene, &mut self.map, with, progress)?;
                 if self.fresh {
                     points.ignore();
                     return Ok(points.count());

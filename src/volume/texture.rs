@@ -15,16 +15,7 @@ pub const MAX_SQUARES: u64 = 1 << 30;
 
 /// Bytes of a volume whose texels are squares.
 pub(crate) fn bytes_of_squares(volume: &Volume) -> u64 {
-    let voxels: u64 = volume.size().iter().map(|&n| u64::from(n)).product();
-    4 * voxels * bytes_of_voxel(volume)
-}
-
-fn bytes_of_voxel(volume: &Volume) -> u64 {
-    match volume.voxels() {
-        Voxels::U8(_) => 1,
-        Voxels::U16(_) => 2,
-        Voxels::F32(_) => 4,
-    }
+    4 * volume.slab(0).len() as u64 * u64::from(volume.size()[2])
 }
 
 /// Uploads a volume, voxel by voxel or in squares. Returns also how many bytes that takes.
