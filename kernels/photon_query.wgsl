@@ -2,7 +2,8 @@
 // of the batch; its task says what is to be done, its mark whether anything is.
 //
 // From its first invalid flight on a photon may take another path. Another phase function
-// turns what follows; another albedo only weighs it anew.
+// turns what follows; another albedo only weighs it anew. Either changes what the interaction
+// gives where it is: for `points` its slot is marked, whatever becomes of the photon.
 
 import package::constants::{CHANGE_PHASE, CHANGE_ALBEDO, GROUP};
 import package::shared::counter::{INVALID, REWEIGHED, count};
@@ -15,6 +16,8 @@ import package::shared::slot::{EMPTY, INTERACTION, slot_kind, slot_entry};
 @group(0) @binding(8) var<uniform> params: PhotonParams;
 @group(0) @binding(9) var<storage, read> states: array<vec4<u32>>;
 @group(0) @binding(10) var<storage, read_write> tasks: array<u32>;
+// A bit for each slot that moved, then for each that may give other light where it is.
+@if(points) @group(0) @binding(11) var<storage, read_write> moved: array<atomic<u32>>;
 
 struct Found {
     touched: u32,  // the first event whose power or flight may be another
@@ -22,24 +25,36 @@ struct Found {
 }
 
 fn find(photon: u32) -> Found {
-    var touched = select(NOTHING, 0u, params.relit == 1u);
+    var found = Found(select(NOTHING, 0u, params.relit == 1u), NOTHING);
     for (var event = 0u; event < params.max_events; event++) {
-        let state = states[event * params.photons + photon];
+        let slot = event * params.photons + photon;
+        let state = states[slot];
         let kind = slot_kind(state);
         if kind == EMPTY {
             // What was never computed carries a history of all ones.
             if event == 0u && all(state.zw == vec2<u32>(0xffffffffu)) { return Found(0u, 0u); }
             break;
         }
-        if is_invalid(state, params.risen) { return Found(min(touched, event), event); }
+        if is_invalid(state, params.risen) { found = earlier(found, Found(event, event)); }
         if kind != INTERACTION { break; }
         let changes = optics[slot_entry(state)].changes;
         let next = event + 1u;
-        if next == params.max_events { break; }
-        if (changes & CHANGE_ALBEDO) != 0u { touched = min(touched, next); }
-        if (changes & CHANGE_PHASE) != 0u { return Found(min(touched, next), next); }
+        if next < params.max_events {
+            if (changes & CHANGE_ALBEDO) != 0u { found = earlier(found, Found(next, NOTHING)); }
+            if (changes & CHANGE_PHASE) != 0u { found = earlier(found, Found(next, next)); }
+        }
+        @if(points) {
+            if (changes & (CHANGE_ALBEDO | CHANGE_PHASE)) != 0u {
+                atomicOr(&moved[arrayLength(&moved) / 2u + slot / 32u], 1u << (slot % 32u));
+            }
+        }
+        @if(!points) { if found.invalid != NOTHING { break; } }
     }
-    return Found(touched, NOTHING);
+    return found;
+}
+
+fn earlier(a: Found, b: Found) -> Found {
+    return Found(min(a.touched, b.touched), min(a.invalid, b.invalid));
 }
 
 @compute @workgroup_size(GROUP)

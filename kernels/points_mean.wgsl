@@ -1,7 +1,6 @@
 // The mean extinction in the kernel's ball around each point, by which `even` divides, and the
 // historygram of the values that it is of. A point that is where it was keeps its mean if it
-// read no value whose extinction changed; one that is not needs none. Those that read a value of
-// another colour are marked on the way, for one of these is their own.
+// read no value whose extinction changed; one that is not needs none.
 
 import package::shared::counter::{REFRESHED, count};
 import package::shared::item::{group_index, thread};
@@ -14,7 +13,7 @@ import package::constants::{GROUP, MEAN_BLOCK};
 @group(0) @binding(11) var<storage, read> point_places: array<vec4<u32>>;
 @group(0) @binding(12) var<storage, read_write> means: array<f32>;
 @if(history) @group(0) @binding(13) var<storage, read_write> mean_histories: array<vec2<u32>>;
-// Points that may have other light are marked here.
+// Points whose mean changed are marked here.
 @group(0) @binding(16) var<storage, read_write> changed: array<atomic<u32>>;
 
 // Taps of the mean: two shells of a Fibonacci lattice over the ball, of equal volume
@@ -35,11 +34,6 @@ fn main(
     let first = thread * MEAN_BLOCK;
     for (var i = local; i < MEAN_BLOCK; i += GROUP) {
         let point = first + i;
-        if point >= params.count { break; }
-        @if(history) {
-            let is_recoloured = any((mean_histories[point] & params.recoloured) != vec2<u32>(0u));
-            if params.fresh == 0u && is_recoloured { mark(point); }
-        }
         if is_needed(point) { listed[atomicAdd(&length, 1u)] = point; }
     }
     workgroupBarrier();
@@ -47,11 +41,8 @@ fn main(
     for (var i = local; i < atomicLoad(&length); i += GROUP) { find_mean(listed[i]); }
 }
 
-fn mark(point: u32) {
-    atomicOr(&changed[point / 32u], 1u << (point % 32u));
-}
-
 fn is_needed(point: u32) -> bool {
+    if point >= params.count { return false; }
     if params.fresh == 1u { return true; }
     let stays = params.all == 1u || is_kept(point);
     @if(history) return stays && any((mean_histories[point] & params.changed) != vec2<u32>(0u));
@@ -77,7 +68,9 @@ fn find_mean(point: u32) {
         }
     }
     let mean = total / f32(2u * SHELL + 1u);
-    if params.fresh == 0u && bitcast<u32>(mean) != bitcast<u32>(means[point]) { mark(point); }
+    if params.fresh == 0u && bitcast<u32>(mean) != bitcast<u32>(means[point]) {
+        atomicOr(&changed[point / 32u], 1u << (point % 32u));
+    }
     means[point] = mean;
     @if(history) { mean_histories[point] = history; }
 }

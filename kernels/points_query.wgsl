@@ -1,4 +1,4 @@
-// Which points have another power where they are.
+// Which points may have other light where they are: those of marked slots.
 
 import package::constants::GROUP;
 import package::shared::item::item_index;
@@ -6,7 +6,7 @@ import package::shared::points::PointsParams;
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
 @group(0) @binding(9) var<storage, read> slots: array<u32>;
-@group(0) @binding(10) var<storage, read> repowered: array<u32>;
+@group(0) @binding(10) var<storage, read> relit: array<u32>;
 @group(0) @binding(11) var<storage, read_write> changed: array<atomic<u32>>;
 
 @compute @workgroup_size(GROUP)
@@ -18,6 +18,6 @@ fn main(
     let point = item_index(group, groups, local);
     if point >= params.count { return; }
     let slot = slots[point];
-    if extractBits(repowered[slot / 32u], slot % 32u, 1u) == 0u { return; }
+    if extractBits(relit[slot / 32u], slot % 32u, 1u) == 0u { return; }
     atomicOr(&changed[point / 32u], 1u << (point % 32u));
 }

@@ -65,15 +65,14 @@ fn main(
     // A thread for each point; or for each word of them, where those that may have other light
     // are marked.
     let is_fresh = params.fresh == 1u;
-    let are_marked = !is_fresh && params.marked == 1u;
-    let i = item_index(group, groups, local) * select(1u, 32u, are_marked);
+    let i = item_index(group, groups, local) * select(32u, 1u, is_fresh);
     if i >= params.count { return; }
     let begin = params.first + i;
     let word = begin / 32u;
     var staying = 0xffffffffu;
     if !is_fresh && params.all == 0u { staying = kept[word]; }
     var open = 1u << (begin % 32u);
-    if are_marked {
+    if !is_fresh {
         let beyond = max(begin + 32u, params.count) - params.count;
         open = (0xffffffffu >> beyond) & (atomicLoad(&changed[word]) | ~staying);
     }
@@ -83,5 +82,5 @@ fn main(
         open &= open - 1u;
         recorded += u32(record(32u * word + at, extractBits(staying, at, 1u) == 1u));
     }
-    if are_marked { count(REFRESHED, recorded); }
+    if !is_fresh { count(REFRESHED, recorded); }
 }

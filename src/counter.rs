@@ -48,7 +48,7 @@ pub struct Counters {
     pub moved: u64,
     /// Slots of photons that are where they were, of another power.
     pub repowered: u64,
-    /// Means and lights of points that an update found again where they are.
+    /// Means and lights that an update found again for points that its table had.
     pub refreshed: u64,
 }
 

@@ -12,6 +12,8 @@ pub const CHANGE_FALLEN: u32 = 2;
 pub const CHANGE_PHASE: u32 = 4;
 /// The entry scatters another share or colour.
 pub const CHANGE_ALBEDO: u32 = 8;
+/// Either: photons that interacted there give other light.
+pub const CHANGE_SCATTERING: u32 = CHANGE_PHASE | CHANGE_ALBEDO;
 /// The entry emits something else.
 pub const CHANGE_EMISSION: u32 = 16;
 

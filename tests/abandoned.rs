@@ -31,7 +31,7 @@ fn abandon(frame: &mut PhotonFrame, scene: &Scene, split: &Split, at: usize) -> 
 #[test]
 fn an_abandoned_update_leaves_nothing_behind() {
     type Edit = fn(&mut Scene);
-    let edits: [Edit; 2] = [
+    let edits: [Edit; 3] = [
         // Of many photons, so that all flights are summed anew.
         |s| {
             s.materials[0].extinction *= 4.0;
@@ -39,6 +39,8 @@ fn an_abandoned_update_leaves_nothing_behind() {
         },
         // Of few, so that they leave the sums and come back one by one.
         |s| s.materials[1].extinction *= 0.8,
+        // Of colours alone.
+        |s| s.materials[1].colour *= 0.5,
     ];
     let split = Split { journal: Some(64), ..Split::default() };
     let mut half_moved = 0;

@@ -92,8 +92,7 @@ fn a_colour_edit_gathers_what_changed_and_nothing_else() {
     assert!(gathered > 0 && gathered < of, "{gathered} of {of}");
 }
 
-/// `even` gives light again only to points of another power and to those with an edited value around
-/// them; one of the paper's, which knows no values, to all.
+/// Points get light again that are of another power or of a material of another colour, and no others.
 #[test]
 fn a_colour_edit_lights_again_what_may_be_of_another() {
     for weighting in [Weighting::Even, Weighting::Plain] {
@@ -107,11 +106,8 @@ fn a_colour_edit_lights_again_what_may_be_of_another() {
         let (_, done) = update(&mut frame, &scene, &Split::default());
         assert_eq!(difference(&frame, &scene, &volume), None);
         assert!(done.counts.repowered > 0 && done.counts.moved == 0);
-        let lit = match weighting {
-            Weighting::Even => done.counts.refreshed,
-            Weighting::Plain => all.points,
-        };
-        assert!(lit >= done.points && lit < all.points + u64::from(weighting == Weighting::Plain));
+        let lit = done.counts.refreshed;
+        assert!(lit >= done.points && lit < all.points, "{lit} of {}", all.points);
         // Lights that were seen and those of now are both taken.
         assert_eq!(done.points_built, lit + 2 * done.points);
     }

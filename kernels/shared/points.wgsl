@@ -14,13 +14,14 @@ struct PointsParams {
     had: u32,              // 1: segments have seen light of what is taken
     has: u32,              // 1: what is taken has light
     all: u32,              // 1: of all slots or points, not of those that moved, stay or are listed
-    marked: u32,           // 1: a point that is where it was has other light only if it is marked
-    changed: vec2<u32>,    // bins whose extinction changed since
     fresh: u32,            // 1: nobody has seen these points
+    changed: vec2<u32>,    // bins whose extinction changed since
     first: u32,            // of the points that are a batch's, where nobody has seen them; or of a slice
     first_slot: u32,       // of the table's slots that are a batch's
     slots: u32,            // how many those are
-    recoloured: vec2<u32>, // bins whose colour or phase changed since
+    pad0: u32,
+    pad1: u32,
+    pad2: u32,
 }
 
 // Rows of cells around a cell.

@@ -28,7 +28,7 @@ pub const KERNELS: &[(&str, &[&str])] = &[
         &["nearest", "squares", "float_voxels", "anisotropic", "history", "skip", "listed_bins"],
     ),
     ("layers", &[]),
-    ("photon_query", &[]),
+    ("photon_query", &["points"]),
     ("list_sums", &[]),
     ("list_rank", &[]),
     ("list", &[]),

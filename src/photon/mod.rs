@@ -138,12 +138,13 @@ pub struct Batch {
     /// Slots changed that the light field does not know of yet.
     pub stale: bool,
     /// A bit for each slot that came, went or is elsewhere, and the light field does not know; then
-    /// one for each that is where it was, of another power.
+    /// one for each that may give other light where it was: of another power, or of a material that
+    /// scatters otherwise.
     pub moved: wgpu::Buffer,
     /// Whether there is any of the former.
     pub any_moved: bool,
     /// Whether there is any of the latter.
-    pub any_repowered: bool,
+    pub any_relit: bool,
 }
 
 impl Batch {
@@ -162,7 +163,7 @@ impl Batch {
             stale: true,
             moved: gpu.buffer::<u32>("moved slots", 2 * slots.div_ceil(32))?,
             any_moved: true,
-            any_repowered: true,
+            any_relit: true,
         };
         batch.forget(gpu)?;
         Ok(batch)
@@ -184,7 +185,7 @@ impl Batch {
     /// # Errors
     /// The device failed.
     pub fn forget(&mut self, gpu: &Gpu) -> Result<()> {
-        (self.any_moved, self.any_repowered) = (true, true);
+        (self.any_moved, self.any_relit) = (true, true);
         fill(gpu, "forget", &self.moved, &[u32::MAX])?;
         let mut stage = gpu.stage("forget");
         stage.clear(&self.places);
@@ -200,8 +201,8 @@ impl Batch {
     /// The device failed.
     pub fn settle(&mut self, gpu: &Gpu) -> Result<()> {
         self.stale = false;
-        let [moved, repowered] = [&mut self.any_moved, &mut self.any_repowered].map(std::mem::take);
-        if moved || repowered {
+        let [moved, relit] = [&mut self.any_moved, &mut self.any_relit].map(std::mem::take);
+        if moved || relit {
             let mut stage = gpu.stage("moved slots");
             stage.clear(&self.moved);
             stage.finish()?;
@@ -231,7 +232,8 @@ pub struct PhotonMap {
     /// What is told of every batch; `risen` is that of the query that listed last.
     params: PhotonParams,
     trace: Arc<Kernel>,
-    query: Arc<Kernel>,
+    /// For the fluence, and for `points`.
+    query: [Arc<Kernel>; 2],
     pace: Pace,
 }
 
@@ -272,7 +274,7 @@ impl PhotonMap {
                 ..Default::default()
             },
             trace: trace_kernel(gpu, scene)?,
-            query: gpu.kernel("photon_query", &[])?,
+            query: [gpu.kernel("photon_query", &[])?, gpu.kernel("photon_query", &["points"])?],
             pace: Pace::new(1 << 14),
         };
         map.arrange(gpu, &scene.lights, ids)?;
@@ -317,7 +319,8 @@ impl PhotonMap {
         self.journal.reserve(gpu, largest)
     }
 
-    /// Lists the photons of a batch that an edit touches; how many is to be learned yet.
+    /// Lists the photons of a batch that an edit touches; how many is to be learned yet. For
+    /// `points` slots whose material scatters otherwise are marked.
     ///
     /// # Errors
     /// The device failed.
@@ -326,7 +329,7 @@ impl PhotonMap {
         gpu: &Gpu,
         scene: &DeviceScene,
         counters: &CounterBuffer,
-        (batch, risen): (usize, u64),
+        (batch, risen, points): (usize, u64, bool),
     ) -> Result<()> {
         self.params.risen = words(risen);
         let params = PhotonParams {
@@ -335,10 +338,15 @@ impl PhotonMap {
         };
         let batch = &self.batches[batch];
         let mut bindings = [scene.bindings(), batch.bindings()].concat();
-        bindings.push(("counters", counters.buffer().into()));
+        bindings.extend([("counters", counters.buffer().into()), ("moved", (&batch.moved).into())]);
         let mut stage = gpu.stage("photon_query");
         batch.list.unmark(&mut stage);
-        stage.dispatch(&self.query, batch.photons.into(), &bindings, &params)?;
+        stage.dispatch(
+            &self.query[usize::from(points)],
+            batch.photons.into(),
+            &bindings,
+            &params,
+        )?;
         batch.list.record(stage)
     }
 

@@ -25,7 +25,7 @@ use crate::gpu::layout::shared_struct;
 use crate::gpu::run::{Pace, Stage};
 use crate::light_field::Run;
 use crate::photon::PhotonMap;
-use crate::query::{CHANGE_ALBEDO, CHANGE_FALLEN, CHANGE_PHASE, CHANGE_RISEN, Query};
+use crate::query::{CHANGE_FALLEN, CHANGE_RISEN, CHANGE_SCATTERING, Query};
 use crate::render::{Progress, Split};
 use crate::scene::{Settings, Weighting};
 use changes::{Changes, Moved};
@@ -58,12 +58,10 @@ shared_struct! {
         /// 1 where it is of all slots, or of all points; 0 where of those that moved, stay or are
         /// listed.
         pub all: u32,
-        /// 1 where a point that is where it was has other light only if it is marked.
-        pub marked: u32,
-        /// Bins whose extinction changed since.
-        pub changed: [u32; 2],
         /// 1 where nobody has seen these points.
         pub fresh: u32,
+        /// Bins whose extinction changed since.
+        pub changed: [u32; 2],
         /// The first of the points that are a batch's, where nobody has seen them; or of those
         /// listed that are looked at.
         pub first: u32,
@@ -71,8 +69,12 @@ shared_struct! {
         pub first_slot: u32,
         /// How many those are.
         pub slots: u32,
-        /// Bins whose colour or phase changed since, and those beside them.
-        pub recoloured: [u32; 2],
+        /// Keeps the size a multiple of 16.
+        pub pad0: u32,
+        /// The same.
+        pub pad1: u32,
+        /// The same.
+        pub pad2: u32,
     }
 }
 
@@ -102,8 +104,8 @@ pub struct Points {
     changes: Changes,
     /// Points of tables with others that the last build did not find where they had been.
     pub(crate) elsewhere: u64,
-    /// Means, lights and places that the last build gave to points, beside those that were found
-    /// again where they are ([`Counters::refreshed`](crate::counter::Counters)).
+    /// Means, lights and places that points were given since an edit or a rebuild began, beside
+    /// those of which the device knows how many ([`Counters::refreshed`](crate::counter::Counters)).
     pub(crate) built: u64,
     /// Means have histories.
     history: bool,
@@ -225,18 +227,13 @@ impl Points {
         (query, split, counters): (&Query, &Split, &CounterBuffer),
         progress: &mut Progress,
     ) -> Result<()> {
-        (self.elsewhere, self.built) = (0, 0);
+        self.elsewhere = 0;
         // Segments correct their sums by what one build changed, not by two.
         self.changes = if self.unsettled { Changes::TooMany } else { Changes::None };
         let reaches = |columns| query.changes.iter().any(|change| change & columns != 0);
         let extinction = CHANGE_RISEN | CHANGE_FALLEN;
-        let weights = reaches(CHANGE_PHASE | CHANGE_ALBEDO);
-        let all = weights || self.even && reaches(extinction);
+        let all = reaches(CHANGE_SCATTERING) || self.even && reaches(extinction);
         self.params.changed = words(query.mask(extinction, &scene.bins));
-        // Another kernel may have rounded a point's own value into the next bin.
-        let recoloured = query.mask(CHANGE_PHASE | CHANGE_ALBEDO, &scene.bins);
-        self.params.recoloured = words(recoloured | recoloured << 1 | recoloured >> 1);
-        self.params.marked = (self.even || !weights).into();
         self.moved.clear();
         let fit = (gpu.max_binding() / 16).min(u32::MAX.into()) as u32;
         let most = split.table_slots.unwrap_or(fit);

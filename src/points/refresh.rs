@@ -79,7 +79,7 @@ impl Points {
         self.elsewhere += if is_first { 0 } else { u64::from(new) };
         self.built += u64::from(new) * if self.even { 2 } else { 1 };
         self.built += u64::from(kept.list.count + new);
-        let new = self.entered(gpu, scene, &entering)?;
+        let new = self.entered(gpu, scene, &entering, counters)?;
         self.moved.push(Moved::came(&new));
         let part = self.merged(gpu, &table, &kept, &new)?;
         table.members.retain(|member| member.batch(map).is_some());
@@ -141,7 +141,13 @@ impl Points {
     }
 
     /// The points of the slots that enter, batch by batch.
-    fn entered(&self, gpu: &Gpu, scene: &DeviceScene, entering: &[Entering]) -> Result<Part> {
+    fn entered(
+        &self,
+        gpu: &Gpu,
+        scene: &DeviceScene,
+        entering: &[Entering],
+        counters: &CounterBuffer,
+    ) -> Result<Part> {
         let all = count(entering);
         let part = Part::new(gpu, all, self.extras())?;
         let none = &self.none;
@@ -150,7 +156,7 @@ impl Points {
             ("kept", (&none.slots).into()),
             ("seen_lights", (&none.lights).into()),
             ("changed", (&none.keys).into()),
-            ("counters", (&none.keys).into()),
+            ("counters", counters.buffer().into()),
         ]);
         let mut first = 0;
         let mut each = Vec::new();
@@ -181,7 +187,7 @@ impl Points {
 
     /// Gives the points of a table the light that they have now: those that are kept, or all.
     fn refresh(
-        &mut self,
+        &self,
         gpu: &Gpu,
         (scene, map): (&DeviceScene, &PhotonMap),
         (table, kept): (&Table, Option<&WorkList>),
@@ -199,23 +205,19 @@ impl Points {
             ("changed", (&changed.marks).into()),
             ("counters", counters.buffer().into()),
         ]);
-        if params.marked == 0 {
-            self.built += u64::from(count);
-        }
         let mut stage = gpu.stage("points_record");
         changed.unmark(&mut stage);
-        if self.even && [params.changed, params.recoloured] != [[0, 0]; 2] {
+        if self.even && params.changed != [0, 0] {
             stage.dispatch(&self.mean, mean_threads(count), &bindings, &params)?;
         }
-        let is_repowered =
-            |member: &Member| member.batch(map).is_some_and(|batch| batch.any_repowered);
-        if params.marked == 1 && table.members.iter().any(is_repowered) {
+        let is_relit = |member: &Member| member.batch(map).is_some_and(|batch| batch.any_relit);
+        if table.members.iter().any(is_relit) {
             let bits = slot_bits(gpu, table)?;
             for member in &table.members {
                 let Some(Batch { moved: own, .. }) = member.batch(map) else { continue };
                 stage.copy((own, own.size() / 2..own.size()), member.bits(&bits));
             }
-            let own = [bindings.as_slice(), &[("repowered", (&bits).into())]].concat();
+            let own = [bindings.as_slice(), &[("relit", (&bits).into())]].concat();
             stage.dispatch(&self.query, count.into(), &own, &params)?;
         }
         for member in &table.members {
@@ -227,8 +229,7 @@ impl Points {
             let states = batch.map_or(&part.places, |batch| &batch.states);
             let own = [bindings.as_slice(), &[("states", states.into())]].concat();
             let params = member.within(params);
-            let threads = if params.marked == 1 { count.div_ceil(32) } else { count };
-            stage.dispatch(&self.record, threads.into(), &own, &params)?;
+            stage.dispatch(&self.record, count.div_ceil(32).into(), &own, &params)?;
         }
         stage.finish()?;
         Ok(Moved::some(part, &seen, changed))

@@ -92,7 +92,7 @@ impl PhotonFrame {
         (table, lights): (Table, Lights),
         split: &Split,
     ) -> Result<Scope> {
-        self.counters.clear(gpu)?;
+        self.count_anew(gpu)?;
         let suits = self.scene.suits(&table);
         let change =
             Query::between(&self.scene.table, &table, &self.scene.bins, self.scene.frame.majorant);

@@ -20,7 +20,7 @@ use crate::gpu::Gpu;
 use crate::light_field::LightField;
 use crate::photon::{PhotonMap, PhotonParams};
 use crate::points::Points;
-use crate::query::{CHANGE_EMISSION, CHANGE_FALLEN, CHANGE_RISEN, Query};
+use crate::query::{CHANGE_EMISSION, CHANGE_FALLEN, CHANGE_RISEN, CHANGE_SCATTERING, Query};
 use crate::render::{Progress, Split};
 use crate::scene::{Estimator, Scene, Settings, Spatial, Weighting};
 use crate::segment::{SegmentMap, SegmentStage};
@@ -175,6 +175,14 @@ impl PhotonFrame {
         self.update(gpu, split, progress)
     }
 
+    /// Begins to count, as an edit or a rebuild begins.
+    fn count_anew(&mut self, gpu: &Gpu) -> Result<()> {
+        if let LightField::Points(points) = &mut self.field {
+            points.built = 0;
+        }
+        self.counters.clear(gpu)
+    }
+
     /// What the stages counted since the last edit or rebuild began.
     ///
     /// # Errors
@@ -206,7 +214,7 @@ impl PhotonFrame {
         gpu.restart_phases();
         if self.pending {
             if rebuilds {
-                self.counters.clear(gpu)?;
+                self.count_anew(gpu)?;
                 self.suit(gpu)?;
                 self.restart();
             }
@@ -256,6 +264,8 @@ impl PhotonFrame {
     /// Lists the photons that are to be traced or weighed again; returns what that counted.
     fn list_photons(&mut self, gpu: &Gpu, split: &Split) -> Result<Counters> {
         let mut queried = Vec::new();
+        let points = matches!(self.field, LightField::Points(_));
+        let scatters = self.query.changes.iter().any(|c| c & CHANGE_SCATTERING != 0);
         let blind = self.query.changes.iter().all(|c| c & !CHANGE_EMISSION == 0);
         for i in 0..self.map.batches.len() {
             let batch = &mut self.map.batches[i];
@@ -263,7 +273,9 @@ impl PhotonFrame {
             match (self.fresh, queried[i]) {
                 (true, _) => batch.list_all(gpu, split.shuffle)?,
                 (_, true) => {
-                    self.map.list(gpu, &self.scene, &self.counters, (i, self.query.risen))?;
+                    batch.any_relit |= scatters;
+                    let asked = (i, self.query.risen, points);
+                    self.map.list(gpu, &self.scene, &self.counters, asked)?;
                 }
                 _ => batch.list.count = 0,
             }
@@ -324,7 +336,7 @@ impl PhotonFrame {
                     LightField::Points(_) => {
                         let (after, batch) = (self.counters.read(gpu)?, &mut self.map.batches[i]);
                         batch.any_moved |= after.moved > known.moved;
-                        batch.any_repowered |= after.repowered > known.repowered;
+                        batch.any_relit |= after.repowered > known.repowered;
                         known = after;
                     }
                     LightField::Fluence(fluence) if fluence.current => {

@@ -15,7 +15,12 @@ pub const MAX_SQUARES: u64 = 1 << 30;
 
 /// Bytes of a volume whose texels are squares.
 pub(crate) fn bytes_of_squares(volume: &Volume) -> u64 {
-    4 * volume.slab(0).len() as u64 * u64::from(volume.size()[2])
+    let bytes = match volume.voxels() {
+        Voxels::U8(all) => size_of_val(&all[..]),
+        Voxels::U16(all) => size_of_val(&all[..]),
+        Voxels::F32(all) => size_of_val(&all[..]),
+    };
+    4 * bytes as u64
 }
 
 /// Uploads a volume, voxel by voxel or in squares. Returns also how many bytes that takes.
