@@ -491,6 +491,12 @@ impl SegmentMap {
         self.composite.image(gpu)
     }
 
+    /// Where the device has the segments of the last ray, band by band, and in a band layer upon
+    /// layer: words as of [`Segment`], the last two only with `points`.
+    pub fn buffers(&self) -> impl Iterator<Item = &wgpu::Buffer> {
+        self.bands.iter().map(|band| &band.segments)
+    }
+
     /// All segments of the last ray, row by row.
     ///
     /// # Errors
@@ -516,6 +522,11 @@ impl SegmentMap {
         u64::from(self.params.width)
             * u64::from(self.params.height)
             * u64::from(self.params.segments)
+    }
+
+    /// Bytes of a segment.
+    pub fn bytes_each(&self) -> u64 {
+        4 * u64::from(self.params.stride)
     }
 
     /// Bytes of the work lists.

@@ -66,6 +66,32 @@ fn an_edit_is_verified_and_reported() {
     }
 }
 
+/// The main job of the README, whole.
+#[test]
+fn the_demo_shows_its_edits() {
+    let place = Place::new();
+    let said = place.fine(&["demo", "--out", "shots", "--json", "edits.json"]);
+    assert!(said.contains("retraced %") && said.contains("speed-up"), "{said}");
+    let rows = place.json("edits.json");
+    let rows = rows.as_array().unwrap();
+    assert_eq!(rows.iter().map(|row| &row["edit"]).collect::<Vec<_>>(), ["bone", "vessels"]);
+    for row in rows {
+        assert!(row["photons"]["changed"].as_u64() > Some(0));
+        assert!(row["segments"]["recomputed"].as_u64() > Some(0));
+        for what in ["photon", "field", "segment", "pixel"] {
+            assert_eq!(row["verify"][format!("{what}_mismatches")], 0);
+        }
+    }
+    let [before, bone, vessels] = ["before", "bone", "vessels"].map(|name| {
+        let file = std::fs::File::open(place.path(&format!("shots/{name}.png"))).unwrap();
+        let mut reader = png::Decoder::new(std::io::BufReader::new(file)).read_info().unwrap();
+        let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+        reader.next_frame(&mut pixels).unwrap();
+        pixels
+    });
+    assert!(before != bone && before != vessels && bone != vessels);
+}
+
 const MORE: &str = r#"
 [[edit]]
 name = "dense"

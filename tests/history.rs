@@ -8,6 +8,8 @@ use common::gpu;
 use common::oracle::Oracle;
 use common::snapshot::snapshot;
 use common::world::{CLASSES, Dice, frame, random_edit, update, world};
+use photogram::light_field::LightField;
+use photogram::points::Points;
 use photogram::render::Split;
 use photogram::scene::{Estimator, Filter, Weighting};
 
@@ -33,6 +35,19 @@ fn histories_contain_what_was_relied_on() {
                 "{estimator}, {filter}, after {edit} edits: {found:?}"
             );
             assert!(found.relied_on.iter().all(|&n| n > 200), "{estimator}, {filter}: {found:?}");
+            if let LightField::Points(points) = &frame.field {
+                let means = means(points);
+                let found =
+                    Oracle::new(&volume, &scene, &frame).judge_means(&means, points.radius.into());
+                assert_eq!(found.missing[0], 0, "{filter}, after {edit} edits: {found:?}");
+                assert!(found.relied_on[0] > 200, "{filter}: {found:?}");
+                if edit == 24 {
+                    println!(
+                        "a mean's mask has {:.2} times the bits that it needs",
+                        found.excess()[0]
+                    );
+                }
+            }
             if edit == 0 || edit == 24 {
                 let [slots, segments] = found.excess();
                 println!(
@@ -43,6 +58,34 @@ fn histories_contain_what_was_relied_on() {
             random_edit(&mut scene, CLASSES[edit % CLASSES.len()], &mut dice, &home);
             update(&mut frame, &scene, &Split::default());
         }
+    }
+}
+
+/// The historygrams of the means around points, with the points' places.
+fn means(points: &Points) -> Vec<([u32; 4], u64)> {
+    let tables = points.read(gpu()).expect("reads").into_iter();
+    tables.flat_map(|table| table.places.into_iter().zip(table.mean_histories)).collect()
+}
+
+/// The oracle can fail: points that have another's mean are seen, and one bit less is.
+#[test]
+fn means_of_others_are_seen() {
+    let (scene, volume) = world(Estimator::Points, Weighting::Even, Filter::Linear);
+    let frame = frame(&scene, &volume, &Split::default());
+    let LightField::Points(points) = &frame.field else { panic!("asked for points") };
+    let oracle = Oracle::new(&volume, &scene, &frame);
+    let (whole, radius) = (means(points), points.radius.into());
+    let judged = oracle.judge_means(&whole, radius);
+    assert_eq!(judged.missing[0], 0);
+    assert!(judged.needed[0].count_ones() > 10, "{judged:x?}");
+    let mut shifted = whole.clone();
+    for i in 1..whole.len() {
+        shifted[i].1 = whole[i - 1].1;
+    }
+    assert!(oracle.judge_means(&shifted, radius).missing[0] > 0);
+    for bit in (0..64).filter(|bit| judged.needed[0] >> bit & 1 == 1) {
+        let less: Vec<_> = whole.iter().map(|(p, mask)| (*p, mask & !(1 << bit))).collect();
+        assert!(oracle.judge_means(&less, radius).missing[0] > 0, "bit {bit}");
     }
 }
 

@@ -62,7 +62,7 @@ fn interactions(frame: &PhotonFrame) -> Vec<[u32; 4]> {
 /// What is wrong with the tables, if anything is.
 fn fault(tables: &[Contents], expected: &[[u32; 4]], grid: &Grid) -> Option<&'static str> {
     let mut found = Vec::new();
-    for Contents { places, lights, starts } in tables {
+    for Contents { places, lights, starts, .. } in tables {
         if starts.len() != grid.buckets() + 1 {
             return Some("another number of buckets");
         }

@@ -8,8 +8,11 @@ use std::collections::BTreeMap;
 use common::gpu;
 use common::snapshot::{Snapshot, difference, rebuild, snapshot};
 use common::world::{CLASSES, Dice, frame, random_edit, random_world, update, world};
+use glam::DVec3;
+use photogram::counter::CounterBuffer;
 use photogram::gpu::GROUP;
 use photogram::light_field::LightField;
+use photogram::photon::PhotonParams;
 use photogram::render::{Progress, Split};
 use photogram::scene::{Estimator, Filter, Weighting};
 use photogram::update::{PhotonFrame, Scope, Updated};
@@ -209,20 +212,50 @@ fn one_bit_dropped_from_the_histories_turns_it_red() {
     assert!(red.len() > 3, "{red:?}");
 }
 
-/// The harness can fail: a deposit that was never taken out is found out.
+/// The same of the histories of segments: what glows otherwise gives no photon other light.
 #[test]
-fn a_deposit_left_behind_turns_it_red() {
-    let (mut scene, volume) = world(Estimator::Fluence, Weighting::Even, Filter::Linear);
-    let mut frame = frame(&scene, &volume, &Split::default());
-    if let LightField::Fluence(fluence) = &frame.field {
-        let mut sums = gpu().read::<u64>("sums", &fluence.sums[1]).expect("reads");
-        let lit = sums.iter().position(|&s| s > 0).expect("some light");
-        sums[lit] += 1;
-        gpu().write(&fluence.sums[1], &sums);
+fn one_bit_dropped_from_the_histories_of_segments_turns_it_red() {
+    let (mut home, volume) = world(Estimator::Fluence, Weighting::Even, Filter::Linear);
+    home.materials[0].emission = DVec3::splat(0.01);
+    let mut edited = home.clone();
+    edited.materials[0].emission = DVec3::splat(0.02);
+    let mut red = Vec::new();
+    for bit in 0..64 {
+        let mut frame = frame(&home, &volume, &Split::default());
+        for buffer in frame.segments.buffers() {
+            let mut words = gpu().read::<[u32; 6]>("segments", buffer).expect("reads");
+            words.iter_mut().for_each(|s| s[4 + bit / 32] &= !(1 << (bit % 32)));
+            gpu().write(buffer, &words);
+        }
+        update(&mut frame, &edited, &Split::default());
+        match difference(&frame, &edited, &volume) {
+            None => {}
+            Some("segments") => red.push(bit),
+            other => panic!("{other:?}"),
+        }
     }
-    scene.materials[1].extinction = 0.9;
-    update(&mut frame, &scene, &Split::default());
-    assert_eq!(difference(&frame, &scene, &volume), Some("light field"));
+    println!("{red:?}");
+    assert!(red.len() > 3, "{red:?}");
+}
+
+/// The harness can fail: deposits that are taken out once and were made twice are found out.
+#[test]
+fn deposits_left_behind_turn_it_red() {
+    let (mut scene, volume) = world(Estimator::Fluence, Weighting::Even, Filter::Linear);
+    for photons in [0, 10] {
+        let mut frame = frame(&scene, &volume, &Split::default());
+        let LightField::Fluence(fluence) = &frame.field else { panic!("asked for fluence") };
+        let batch = &frame.map.batches[0];
+        let params = PhotonParams { listed: photons, ..frame.map.params(batch) };
+        let flights = (params, frame.map.live_bindings(batch));
+        let counters = CounterBuffer::new(gpu()).expect("fits");
+        let silent = &mut Progress::silent();
+        fluence.deposit(gpu(), &frame.scene, flights, &counters, silent).expect("deposits");
+        scene.materials[1].extinction *= 0.9;
+        update(&mut frame, &scene, &Split::default());
+        let expected = if photons == 0 { None } else { Some("light field") };
+        assert_eq!(difference(&frame, &scene, &volume), expected);
+    }
 }
 
 /// The harness can fail: points that went and came, and that no segment hears of, are found

@@ -68,14 +68,14 @@ pub fn run_edit(adapter: &AdapterChoice, args: &EditArgs) -> Result<()> {
             Format::Png => image.write(out, scene.film, &notes)?,
         }
     }
-    let clock = if gpu.has_timestamps() { "device timestamps" } else { "host clock" };
     say(format_args!(
-        "adapter {}, stage times by {clock}; {}\n{}",
+        "adapter {}, stage times by {}; {}\n{}",
         gpu.report().name,
+        clock(&gpu),
         frame.estimator,
         edit_table(&done)
     ))?;
-    let rows: Vec<_> = done.iter().map(|(name, m)| edit_json(name, m)).collect();
+    let rows: Vec<_> = done.iter().map(|(name, m)| edit_json(&gpu, name, m)).collect();
     json.map_or(Ok(()), |path| write_json(path, &rows))?;
     if scene.settings.spatial == Spatial::Off {
         say(
@@ -154,10 +154,17 @@ fn edit_table(done: &[(&str, &Measured)]) -> String {
     format!("{table}\n{}", warned.collect::<String>())
 }
 
-fn edit_json(name: &str, m: &Measured) -> serde_json::Value {
+/// By what the times of stages are.
+fn clock(gpu: &Gpu) -> &'static str {
+    if gpu.has_timestamps() { "device timestamps" } else { "host clock" }
+}
+
+fn edit_json(gpu: &Gpu, name: &str, m: &Measured) -> serde_json::Value {
     let (u, c) = (&m.updated, &m.updated.counts);
     serde_json::json!({
         "edit": name,
+        "adapter": gpu.report().name,
+        "clock": clock(gpu),
         "scope": m.scope,
         "photons": {
             "total": u.photons,
@@ -199,7 +206,7 @@ pub fn run_demo(adapter: &AdapterChoice, out: &Path, json: Option<&Path>) -> Res
     for (name, m) in &edits {
         say(format_args!("\n{name}, ms by stage\n{}", stage_table(m)))?;
     }
-    let rows: Vec<_> = edits.iter().map(|(name, m)| edit_json(name, m)).collect();
+    let rows: Vec<_> = edits.iter().map(|(name, m)| edit_json(&gpu, name, m)).collect();
     json.map_or(Ok(()), |path| write_json(path, &rows))?;
     none_differ(&edits)
 }

@@ -132,7 +132,9 @@ impl Points {
         (dirty, counters): (&Dirty, &CounterBuffer),
         listed: &[Found],
     ) -> Result<()> {
-        if count(listed) > 0 && dirty.is_far([0.0; 3]) {
+        let items = count(listed);
+        // Where most went and others came, they are everywhere.
+        if items > 0 && dirty.is_far([0.0; 3]) || 2 * items > 3 * self.count() {
             return dirty.mark_all(gpu);
         }
         for (moved, list) in listed {

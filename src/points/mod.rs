@@ -84,6 +84,8 @@ pub struct Contents {
     pub places: Vec<[u32; 4]>,
     /// Contribution, 1/(mm³ sr), and g of each.
     pub lights: Vec<[f32; 4]>,
+    /// The historygram of the values that the mean around each is of; none where none is kept.
+    pub mean_histories: Vec<u64>,
     /// Where each bucket begins, and the last ends.
     pub starts: Vec<u32>,
 }
@@ -359,7 +361,9 @@ impl Points {
             lights.truncate(part.count as usize);
             let mut starts = gpu.read("points starts", starts)?;
             starts.truncate(self.params.buckets as usize + 1);
-            Ok(Contents { places, lights, starts })
+            let mut mean_histories = gpu.read("mean histories", &part.mean_histories)?;
+            mean_histories.truncate(if self.even && self.history { places.len() } else { 0 });
+            Ok(Contents { places, lights, mean_histories, starts })
         });
         contents.collect()
     }

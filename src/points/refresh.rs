@@ -77,11 +77,11 @@ impl Points {
             self.moved.push(moved);
         }
         self.elsewhere += if is_first { 0 } else { u64::from(new) };
-        self.built += u64::from(new) * if self.even { 2 } else { 1 };
-        self.built += u64::from(kept.list.count + new);
         let new = self.entered(gpu, scene, &entering, counters)?;
         self.moved.push(Moved::came(&new));
         let part = self.merged(gpu, &table, &kept, &new)?;
+        self.built += u64::from(new.count) * if self.even { 2 } else { 1 };
+        self.built += u64::from(part.count);
         table.members.retain(|member| member.batch(map).is_some());
         table.members.iter_mut().for_each(|member| member.entered = true);
         Ok(Table { part, ..table })

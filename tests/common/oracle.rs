@@ -109,6 +109,34 @@ impl<'a> Oracle<'a> {
         found
     }
 
+    /// Judges the histories of means around points: every tap's value.
+    pub fn judge_means(&self, points: &[([u32; 4], u64)], radius: f64) -> Found {
+        let mut found = Found::default();
+        for (place, mask) in points {
+            let [x, y, z, _] = place.map(|word| f64::from(f32::from_bits(word)));
+            let centre = DVec3::new(x, y, z);
+            let shell = |radius: f64, from: u32| {
+                (0..16).map(move |i| {
+                    let z = 1.0 - (2.0 * f64::from(i) + 1.0) / 16.0;
+                    let (y, x) = (2.399_963 * f64::from(from + i)).sin_cos();
+                    radius * DVec3::new(x, y, 0.0) * (1.0 - z * z).sqrt() + DVec3::Z * radius * z
+                })
+            };
+            let taps = shell(0.63 * radius, 0).chain(shell(0.9086 * radius, 16));
+            let taps = [DVec3::ZERO].into_iter().chain(taps).map(|by| centre + by);
+            let within =
+                |p: &DVec3| p.min_element() > CLOSE && (self.extent - *p).min_element() > CLOSE;
+            // A device's sines are not exact.
+            let near = |e: u32| [e.saturating_sub(8), e, (e + 8).min(ENTRIES as u32 - 1)];
+            let bins = |entries: Vec<u32>| {
+                entries.into_iter().flat_map(near).fold(0, |m, e| m | 1 << (e / 64))
+            };
+            let values = taps.filter(within).filter_map(|tap| self.entries_at(tap).map(bins));
+            found.judge(0, *mask, &values.collect::<Vec<_>>());
+        }
+        found
+    }
+
     fn judge_photon(&self, id: [u32; 2], slots: &[[[u32; 4]; 2]], found: &mut Found) {
         let place = |slot: &[[u32; 4]; 2]| {
             let [x, y, z, _] = slot[0];

@@ -253,8 +253,7 @@ pub fn random_edit(
 ) -> &'static str {
     // The fluence knows isotropic scattering only.
     let class = match (class, scene.settings.estimator) {
-        ("phase" | "scatter", Some(Estimator::Points)) => "phase",
-        ("phase", _) => "scatter",
+        ("phase", Some(Estimator::Fluence)) => "scatter",
         _ => class,
     };
     let m = dice.below(scene.materials.len().max(1));
@@ -303,7 +302,15 @@ pub fn random_edit(
             _ => drop(scene.lights.remove(light)),
         },
         "background" => scene.background = DVec3::splat(dice.unit()),
-        _ => scene.camera.fov_deg *= 0.95 + 0.1 * dice.unit(),
+        _ => {
+            let by = DVec3::new(dice.unit(), dice.unit(), dice.unit()) - 0.5;
+            match (dice.below(4), &mut scene.camera.place) {
+                (0, CameraPlace::At { origin, .. }) => *origin += 10.0 * by,
+                (1, CameraPlace::At { target, .. }) => *target += 10.0 * by,
+                (2, _) => scene.camera.up = random_direction(dice),
+                _ => scene.camera.fov_deg *= 1.0 + 0.1 * by.x,
+            }
+        }
     }
     class
 }
