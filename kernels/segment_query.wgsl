@@ -2,12 +2,12 @@
 // those that may look up light that changed. A work item is as many as 32 segments of a view ray,
 // a bit each.
 
-import package::constants::{GROUP, DIRTY_SPLIT, SPATIAL_AXES, LIST_READ, LIST_LIT, SEGMENTS_AT_ONCE};
+import package::constants::{GROUP, SPATIAL_AXES, LIST_READ, LIST_LIT, SEGMENTS_AT_ONCE};
 import package::shared::counter::{CHECKED, UNFINISHED, count, expect, cut_short};
 import package::shared::dirty::{dirty_grid, is_dirty, axes_meet};
 import package::shared::item::item_index;
 import package::shared::marks::mark;
-import package::shared::scene::{frame, cell_masks, cell_index};
+import package::shared::scene::frame;
 import package::shared::segment::{SegmentParams, Span, span_of, HISTORY};
 import package::shared::walk::{walk_begin, walk_leave, walk_step};
 
@@ -15,12 +15,6 @@ import package::shared::walk::{walk_begin, walk_leave, walk_step};
 @group(0) @binding(9) var<storage, read> segments: array<vec2<u32>>;
 // A bit for each pixel that has a segment which is listed.
 @group(0) @binding(10) var<storage, read_write> pixels: array<atomic<u32>>;
-
-// Where all is empty no light is looked up, whatever changed there.
-fn is_vacant(block: vec3<i32>) -> bool {
-    let cell = vec3<i32>(vec3<u32>(block) / DIRTY_SPLIT);
-    return all((cell_masks[cell_index(cell)] & frame.visible_bins) == vec2<u32>(0u));
-}
 
 // Bits from `low` to `high`, both among them.
 fn bits(low: u32, high: u32) -> u32 {
@@ -74,7 +68,7 @@ fn seeing_change(span: Span, several: u32, read: Reading) -> u32 {
     loop {
         checked++;
         let leave = walk_leave(w);
-        if is_dirty(w.cell) && !is_vacant(w.cell) {
+        if is_dirty(w.cell) {
             let from_to = vec2(begin - slack - first, leave + slack - first) / each;
             let seen = vec2<u32>(clamp(floor(from_to), vec2(0.0), vec2(f32(several - 1u))));
             found |= bits(seen.x, seen.y);

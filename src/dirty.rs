@@ -5,9 +5,12 @@
 //! around each interaction that came, went or weighs otherwise. Marks stay until all
 //! segments were updated.
 
+use std::sync::Arc;
+
 use crate::error::Result;
 use crate::frame::{DeviceScene, words};
 use crate::gpu::Gpu;
+use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
 use crate::gpu::run::Bindings;
 use crate::scene::Spatial;
@@ -47,6 +50,7 @@ pub struct Dirty {
     extent: [f32; 3],
     grid_buffer: wgpu::Buffer,
     bits: wgpu::Buffer,
+    vacant: Arc<Kernel>,
 }
 
 impl Dirty {
@@ -71,6 +75,7 @@ impl Dirty {
             extent: frame.extent,
             grid_buffer: gpu.upload("dirty grid", &[grid])?,
             bits: gpu.buffer::<u32>("dirty blocks", count.div_ceil(32))?,
+            vacant: gpu.kernel("dirty_vacant", &[])?,
         })
     }
 
@@ -107,11 +112,16 @@ impl Dirty {
         stage.finish()
     }
 
-    /// Prepares the test of the segments: the axis historygrams where they are asked for.
+    /// Prepares the test of the segments: marks where the scene is empty are taken off, and the axis
+    /// historygrams are found where they are asked for.
     ///
     /// # Errors
     /// The device failed.
-    pub fn project(&mut self, gpu: &Gpu) -> Result<()> {
+    pub fn project(&mut self, gpu: &Gpu, scene: &DeviceScene) -> Result<()> {
+        let mut stage = gpu.stage("dirty_vacant");
+        let bindings = [scene.bindings(), self.bindings()].concat();
+        stage.dispatch(&self.vacant, self.bits.size() / 4, &bindings, &())?;
+        stage.finish()?;
         if self.grid.spatial != Spatial::Axes as u32 {
             return Ok(());
         }

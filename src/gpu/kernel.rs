@@ -40,6 +40,7 @@ pub const KERNELS: &[(&str, &[&str])] = &[
     ("chosen", &[]),
     ("deposit", &[]),
     ("resolve", &[]),
+    ("dirty_vacant", &[]),
     ("points_mark", &[]),
     ("points_keep", &[]),
     ("points_key", &[]),

@@ -424,7 +424,7 @@ impl PhotonFrame {
             // Without a spatial test a segment stands for the photons of its own values, too.
             _ => u32::MAX,
         };
-        self.dirty.project(gpu)?;
+        self.dirty.project(gpu, &self.scene)?;
         let stage = SegmentStage {
             gpu,
             device: &self.scene,
