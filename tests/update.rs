@@ -14,8 +14,9 @@ use photogram::gpu::GROUP;
 use photogram::light_field::LightField;
 use photogram::photon::PhotonParams;
 use photogram::render::{Progress, Split};
-use photogram::scene::{Estimator, Filter, Weighting};
+use photogram::scene::{Estimator, Filter, Scene, Weighting};
 use photogram::update::{PhotonFrame, Scope, Updated};
+use photogram::volume::Volume;
 
 /// Edits of the random sequences; `PHOTOGRAM_SOAK` asks for more.
 fn edits_wanted() -> usize {
@@ -186,6 +187,24 @@ impl Coverage {
     }
 }
 
+/// The bits of histories without which an update of `home` to `edited` leaves another `part` than a
+/// rebuild does, when `drop` takes them out beforehand.
+fn needed_bits(
+    (home, edited, volume): (&Scene, &Scene, &Volume),
+    drop: impl Fn(&PhotonFrame, usize, u32),
+    part: &str,
+) -> Vec<usize> {
+    let is_needed = |bit: &usize| {
+        let mut frame = frame(home, volume, &Split::default());
+        drop(&frame, bit / 32, !(1 << (bit % 32)));
+        update(&mut frame, edited, &Split::default());
+        let wrong = difference(&frame, edited, volume);
+        assert!(wrong.is_none_or(|wrong| wrong == part), "{wrong:?}");
+        wrong.is_some()
+    };
+    (0..64).filter(is_needed).collect()
+}
+
 /// The harness can fail: one bit dropped from the histories is found out, if it is one that
 /// the edit asks for.
 #[test]
@@ -193,22 +212,14 @@ fn one_bit_dropped_from_the_histories_turns_it_red() {
     let (home, volume) = world(Estimator::Fluence, Weighting::Even, Filter::Linear);
     let mut edited = home.clone();
     edited.materials[0].extinction = 0.3;
-    let mut red = Vec::new();
-    for bit in 0..64 {
-        let mut frame = frame(&home, &volume, &Split::default());
+    let drop = |frame: &PhotonFrame, word: usize, others: u32| {
         for batch in &frame.map.batches {
             let mut states = gpu().read::<[u32; 4]>("states", &batch.states).expect("reads");
-            states.iter_mut().for_each(|s| s[2 + bit / 32] &= !(1 << (bit % 32)));
+            states.iter_mut().for_each(|s| s[2 + word] &= others);
             gpu().write(&batch.states, &states);
         }
-        update(&mut frame, &edited, &Split::default());
-        match difference(&frame, &edited, &volume) {
-            None => {}
-            Some("slots") => red.push(bit),
-            other => panic!("{other:?}"),
-        }
-    }
-    println!("{red:?}");
+    };
+    let red = needed_bits((&home, &edited, &volume), drop, "slots");
     assert!(red.len() > 3, "{red:?}");
 }
 
@@ -219,22 +230,14 @@ fn one_bit_dropped_from_the_histories_of_segments_turns_it_red() {
     home.materials[0].emission = DVec3::splat(0.01);
     let mut edited = home.clone();
     edited.materials[0].emission = DVec3::splat(0.02);
-    let mut red = Vec::new();
-    for bit in 0..64 {
-        let mut frame = frame(&home, &volume, &Split::default());
+    let drop = |frame: &PhotonFrame, word: usize, others: u32| {
         for buffer in frame.segments.buffers() {
             let mut words = gpu().read::<[u32; 6]>("segments", buffer).expect("reads");
-            words.iter_mut().for_each(|s| s[4 + bit / 32] &= !(1 << (bit % 32)));
+            words.iter_mut().for_each(|s| s[4 + word] &= others);
             gpu().write(buffer, &words);
         }
-        update(&mut frame, &edited, &Split::default());
-        match difference(&frame, &edited, &volume) {
-            None => {}
-            Some("segments") => red.push(bit),
-            other => panic!("{other:?}"),
-        }
-    }
-    println!("{red:?}");
+    };
+    let red = needed_bits((&home, &edited, &volume), drop, "segments");
     assert!(red.len() > 3, "{red:?}");
 }
 
