@@ -38,14 +38,15 @@ fn reading(first: u32, several: u32) -> Reading {
     return found;
 }
 
-// The segments of a ray, `several` from the span's on, that see light that changed, as far as
+// The segments of a ray, `several` from `task` on, that see light that changed, as far as
 // they are not known to be asked for.
-fn seeing_change(span: Span, several: u32, read: Reading) -> u32 {
+fn seeing_change(task: u32, several: u32, asked: u32) -> u32 {
+    let span = span_of(params, task);
     let every = bits(0u, several - 1u);
     let length = span.leave - span.enter;
-    if dirty_grid.spatial > SPATIAL_AXES || read.asked == every { return 0u; }
+    if dirty_grid.spatial > SPATIAL_AXES || asked == every { return 0u; }
     // What grazes the bounds may have met them where it was gathered, by rounding.
-    if !(length > 0.0) { return read.any; }
+    if !(length > 0.0) { return reading(task, several).any; }
     let ray = span.ray;
     let each = length / f32(params.segments);
     // Samples may lie a little outside their segment, by rounding or by their lattice.
@@ -74,7 +75,7 @@ fn seeing_change(span: Span, several: u32, read: Reading) -> u32 {
             found |= bits(seen.x, seen.y);
         }
         begin = max(begin, leave);
-        arrived = (found | read.asked) == every || leave >= end
+        arrived = (found | asked) == every || leave >= end
             || !walk_step(&w, ray, dirty_grid.edge, dirty_grid.blocks);
         if arrived { break; }
     }
@@ -95,12 +96,10 @@ fn main(
     let several = min(params.segments - layer, SEGMENTS_AT_ONCE);
     let pixel = item % params.pixels;
     let first = layer * params.pixels + pixel;
-    let read = reading(first, several);
-    var touched = 0u;
-    if (params.which & LIST_READ) != 0u { touched = read.asked; }
-    if (params.which & LIST_LIT) != 0u {
-        touched |= seeing_change(span_of(params, first), several, read) & ~read.asked;
-    }
+    var asked = 0u;
+    if any(params.query != vec2<u32>(0u)) { asked = reading(first, several).asked; }
+    var touched = select(0u, asked, (params.which & LIST_READ) != 0u);
+    if (params.which & LIST_LIT) != 0u { touched |= seeing_change(first, several, asked) & ~asked; }
     if touched != 0u { atomicOr(&pixels[pixel / 32u], 1u << (pixel % 32u)); }
     while touched != 0u {
         let k = firstTrailingBit(touched);
