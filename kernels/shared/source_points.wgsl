@@ -68,6 +68,17 @@ fn points_between(params: SegmentParams, cells: vec2<i32>, row: vec2<i32>) -> ve
     return vec2(begin, min(starts[last + 1u], params.points_end));
 }
 
+// The rows around a cell that the sphere about a place in it reaches: not all at the corners.
+fn rows_reached(place: vec2<f32>) -> u32 {
+    let low = max(place - SLACK, vec2<f32>(0.0));
+    let high = max(1.0 - place - SLACK, vec2<f32>(0.0));
+    let a = low * low;
+    let b = high * high;
+    let corners = vec4(a.x, b.x, a.x, b.x) + vec4(a.yy, b.yy);
+    let beyond = select(vec4<u32>(0u), vec4(1u, 1u << 2u, 1u << 6u, 1u << 8u), corners >= vec4<f32>(1.0));
+    return ~(beyond.x | beyond.y | beyond.z | beyond.w);
+}
+
 fn gather(
     params: SegmentParams, point: vec3<f32>, entry: u32, weight: f32, toward: vec3<f32>, so_far: Gathered,
 ) -> Gathered {
@@ -78,6 +89,7 @@ fn gather(
     // Only rows that have any are asked.
     var asked = (1u << ROWS) - 1u;
     if field.shift == 0u { asked = starts[rows_at(cell, field)]; }
+    asked &= rows_reached(at.yz - vec2<f32>(cell.yz));
     let q = Query(point, weight, toward);
     var met = 0u;    // points of rows before: a bucket may have cells of two
     while asked != 0u {
@@ -88,8 +100,7 @@ fn gather(
         let beside = vec2<f32>(row) - at.yz;
         let apart = max(max(beside, -beside - 1.0) - SLACK, vec2<f32>(0.0));
         let reach = 1.0 - dot(apart, apart);
-        if reach <= 0.0 { continue; }
-        let half = sqrt(reach) + SLACK;
+        let half = sqrt(max(reach, 0.0)) + SLACK;
         let least = i32(floor(at.x - half));
         let most = i32(floor(at.x + half));
         let run = points_between(params, clamp(vec2(least, most), widest.xx, widest.yy), row);
