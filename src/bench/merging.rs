@@ -18,7 +18,8 @@ const SCENES: [&str; 2] = ["hand", "engine"];
 /// What the first materials' extinctions are multiplied by.
 const FACTORS: [f64; 3] = [0.9, 0.5, 0.1];
 
-/// Measures the update of the light field after edits of extinctions.
+/// Measures the update of the light field, and of the segments that look it up, after edits of
+/// extinctions: where points are taken anew all light counts as changed.
 ///
 /// # Errors
 /// Memory does not suffice; the device failed.
@@ -33,6 +34,8 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
         "moved %",
         "anew ms",
         "merged ms",
+        "segments after anew ms",
+        "segments after merged ms",
     ];
     let mut sheet = Sheet::new("merging", &columns);
     let mut series = Vec::new();
@@ -41,8 +44,6 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
             progress.at("merging", i as u64, SCENES.len() as u64);
             let mut scene = built_in(name)?;
             scene.scale(effort.scale);
-            // Nothing is asked of segments.
-            (scene.camera.width, scene.camera.height) = (16, 16);
             let settings = &mut scene.settings;
             (settings.estimator, settings.weighting) = (Some(Estimator::Points), weighting);
             settings.rays = 1;
@@ -55,31 +56,32 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
             let mut points = Vec::new();
             for (count, factor) in edits(&scene) {
                 let after = thinned(&scene, count, factor);
-                let (mut ms, mut moved) = ([const { Vec::new() }; 2], 0.0);
+                let (mut ms, mut moved) = ([const { Vec::new() }; 4], 0.0);
                 for run in 0..=effort.runs {
                     for anew in [true, false] {
                         let (share, took) = update(gpu, &mut frame, &after, anew)?;
                         update(gpu, &mut frame, &scene, false)?;
                         // A driver may compile a kernel when it first runs.
                         if run > 0 {
-                            ms[usize::from(!anew)].push(took);
+                            ms[usize::from(!anew)].push(took.light_field);
+                            ms[2 + usize::from(!anew)].push(took.segments);
                         }
                         moved = share;
                     }
                 }
-                let [anew, merged] = ms.map(median);
-                points.push((100.0 * moved, merged / anew));
+                let ms = ms.map(median);
+                points.push((100.0 * moved, (ms[1] + ms[3]) / (ms[0] + ms[2])));
                 let round = |x: f64| json!((x * 1e3).round() / 1e3);
-                sheet.rows.push(vec![
+                let mut row = vec![
                     json!(name),
                     json!(frame.estimator),
                     json!(count),
                     json!(factor),
                     json!(held(&frame)[0]),
                     round(100.0 * moved),
-                    round(anew),
-                    round(merged),
-                ]);
+                ];
+                row.extend(ms.map(round));
+                sheet.rows.push(row);
             }
             points.sort_by(|a, b| a.0.total_cmp(&b.0));
             let name = format!("{name}, {}", frame.estimator);
@@ -89,7 +91,7 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
     report.charts.push(Chart {
         name: "merging".to_owned(),
         title: "Points merged against taken anew".to_owned(),
-        axes: ["points that moved, %".to_owned(), "time merged / anew".to_owned()],
+        axes: ["points that moved, %".to_owned(), "light field and segments, time merged / anew".to_owned()],
         log_x: false,
         series,
     });
@@ -116,11 +118,11 @@ fn held(frame: &PhotonFrame) -> [u64; 2] {
     }
 }
 
-/// The share of the points that moved, and the time that the light field took, ms.
-fn update(gpu: &Gpu, frame: &mut PhotonFrame, scene: &Scene, anew: bool) -> Result<(f64, f64)> {
+/// The share of the points that moved, and the times that the update took.
+fn update(gpu: &Gpu, frame: &mut PhotonFrame, scene: &Scene, anew: bool) -> Result<(f64, Phases)> {
     let split = Split { anew: Some(anew), ..Split::default() };
     frame.edit(gpu, scene, &split)?;
     frame.update(gpu, &split, &mut Progress::silent())?;
     let [all, moved] = held(frame);
-    Ok((moved as f64 / all.max(1) as f64, Phases::of_last(gpu)?.light_field))
+    Ok((moved as f64 / all.max(1) as f64, Phases::of_last(gpu)?))
 }
