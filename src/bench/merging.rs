@@ -91,7 +91,10 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
     report.charts.push(Chart {
         name: "merging".to_owned(),
         title: "Points merged against taken anew".to_owned(),
-        axes: ["points that moved, %".to_owned(), "light field and segments, time merged / anew".to_owned()],
+        axes: [
+            "points that moved, %".to_owned(),
+            "light field and segments, time merged / anew".to_owned(),
+        ],
         log_x: false,
         series,
     });
