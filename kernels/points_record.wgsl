@@ -27,7 +27,11 @@ fn light_of(point: u32) -> vec4<f32> {
     let material = scattering[slot.entry];
     var light = unpack_power(slot.power) * material.rgb * params.kernel;
     @if(!anisotropic) { light /= 4.0 * PI; }
-    @if(even) { light /= means[point]; }
+    @if(even) {
+        // Rounding may look beside a tissue a voxel wide, and find nothing around.
+        let mean = means[point];
+        light = select(vec3<f32>(0.0), light / mean, mean > 0.0);
+    }
     return vec4<f32>(light, material.a);
 }
 

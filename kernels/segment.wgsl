@@ -174,8 +174,12 @@ fn main(
     }
     @if(!fluence) {
         let sums = summed(task, march);
+        // Where light alone is added, what was relied on stays: a macro-cell that has become
+        // vacant would tell of more.
+        var history = march.history;
+        if params.begins == 0u { history = segments[2u * task + 1u].xy; }
         segments[2u * task] = vec4(sums.red.x, sums.green.x, sums.blue.x, passed);
-        segments[2u * task + 1u] = vec4(march.history, pack_high(sums));
+        segments[2u * task + 1u] = vec4(history, pack_high(sums));
     }
 }
 

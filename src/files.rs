@@ -25,6 +25,14 @@ pub fn check_writable(path: impl AsRef<Path>) -> Result<()> {
     File::create(&probe).and_then(|_| fs::remove_file(&probe)).map_err(failed)
 }
 
+/// Where a path leads, by one name, whether a file is there or not.
+pub fn place_of(path: &Path) -> PathBuf {
+    let path = std::path::absolute(path).unwrap_or_else(|_| path.into());
+    let found = path.canonicalize().ok();
+    let beside = || Some(path.parent()?.canonicalize().ok()?.join(path.file_name()?));
+    found.or_else(beside).unwrap_or(path)
+}
+
 /// Writes a file beside its place and moves it there when it is whole.
 ///
 /// # Errors

@@ -2,7 +2,7 @@
 
 mod cli;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Result;
@@ -120,7 +120,7 @@ struct BenchArgs {
     json: Option<PathBuf>,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
+#[derive(Clone, Copy, Debug, ValueEnum)]
 enum What {
     /// The paper's table 1 on phantoms, beside its figures
     Table1,
@@ -216,7 +216,7 @@ fn run(cli: &Cli) -> Result<()> {
         Command::Edit(args) => cli::edit::run_edit(&adapter, args),
         Command::Bench(args) => cli::bench::run_bench(&adapter, args),
         Command::Info { volume, json, .. } => {
-            cli::check_places(&[json.as_deref()])?;
+            cli::check_places(&[json.as_deref()], &[volume.as_deref()])?;
             match volume {
                 Some(path) => cli::info::describe(path, json.as_deref()),
                 None => cli::info::list_adapters(json.as_deref()),
@@ -224,13 +224,20 @@ fn run(cli: &Cli) -> Result<()> {
         }
         Command::Phantom { name, out, size } => {
             let phantom: Phantom = name.parse()?;
-            cli::check_places(&[Some(out)])?;
+            cli::check_places(&[Some(out)], &[])?;
             let volume = volume::phantom::build(phantom, *size)?;
             cli::make_folder(out)?;
             volume::nrrd::write(&volume, out)?;
             let size = cli::info::dimensions(&volume);
             cli::say(format_args!("{}: {phantom}, {size}", out.display()))
         }
+    }
+}
+
+impl SceneArgs {
+    /// The files that are read.
+    fn read(&self) -> [Option<&Path>; 2] {
+        [Some(&self.scene), self.volume.as_deref()]
     }
 }
 

@@ -57,10 +57,12 @@ pub struct Mismatches {
 impl Mismatches {
     /// All together.
     pub fn all(&self) -> u64 {
-        self.photon_mismatches
-            + self.field_mismatches
-            + self.segment_mismatches
-            + self.pixel_mismatches
+        self.of_light() + self.segment_mismatches + self.pixel_mismatches
+    }
+
+    /// Those of photons and of the light field, of which no setting leaves any.
+    pub fn of_light(&self) -> u64 {
+        self.photon_mismatches + self.field_mismatches
     }
 }
 

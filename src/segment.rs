@@ -524,11 +524,6 @@ impl SegmentMap {
             * u64::from(self.params.segments)
     }
 
-    /// Bytes of a segment.
-    pub fn bytes_each(&self) -> u64 {
-        4 * u64::from(self.params.stride)
-    }
-
     /// Bytes of the work lists.
     pub fn list_bytes(&self) -> u64 {
         self.bands.iter().map(|band| band.list.bytes() + band.touched.size()).sum()

@@ -100,14 +100,6 @@ impl WorkList {
         stage.clear(&self.marks);
     }
 
-    /// Marks every item.
-    ///
-    /// # Errors
-    /// The device failed.
-    pub fn mark_all(&self, gpu: &Gpu) -> Result<()> {
-        fill(gpu, "list", &self.marks, &[u32::MAX])
-    }
-
     fn params(&self) -> ListParams {
         let blocks = self.capacity.div_ceil(32).div_ceil(SCAN_BLOCK);
         ListParams { count: self.capacity, blocks }

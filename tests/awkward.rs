@@ -11,6 +11,7 @@ use photogram::gpu::{AdapterChoice, Gpu};
 use photogram::measure;
 use photogram::render::{Progress, Split};
 use photogram::scene::{CameraPlace, Estimator, Filter, LightKind, Scene, Weighting};
+use photogram::segment::Segment;
 use photogram::update::{Phases, Scope, Updated};
 use photogram::volume::{Values, Volume};
 
@@ -90,6 +91,37 @@ fn a_colour_edit_gathers_what_changed_and_nothing_else() {
     assert_eq!(done.corrected, done.recomputed);
     let [gathered, of] = [done, all].map(|u| u.counts.gathered);
     assert!(gathered > 0 && gathered < of, "{gathered} of {of}");
+}
+
+/// A macro-cell that an edit empties tells a march of all its values. A segment whose light alone is
+/// corrected has not read them: it is not computed a second time, now or by the next edit.
+#[test]
+fn a_correction_leaves_what_a_segment_has_read() {
+    // Bone in some macro-cells, a bit of flesh in the next, and a ray crosses both.
+    let (mut scene, volume) = few_values(Estimator::Points, 24, |at| {
+        let within = |low: [u32; 3], high: u32| (0..3).all(|a| (low[a]..high).contains(&at[a]));
+        2000 * u16::from(within([2, 2, 2], 14)) + 100 * u16::from(within([18, 4, 4], 22))
+    });
+    let mut bone = scene.materials[0].clone();
+    (bone.name, bone.extinction) = ("bone".into(), 0.5);
+    bone.ramp = vec![[1900.0, 1.0], [2100.0, 1.0]];
+    scene.materials[0].ramp = vec![[50.0, 1.0], [150.0, 1.0]];
+    scene.materials.push(bone);
+    scene.materials[0].extinction = 0.1;
+    scene.settings.segments = 2;
+    let mut frame = frame(&scene, &volume, &Split::default());
+    let (before, table) = (snapshot(gpu(), &frame), frame.scene.table.clone());
+    scene.materials.remove(0);
+    let (_, done) = update(&mut frame, &scene, &Split::default());
+    let now = snapshot(gpu(), &frame);
+    assert!(done.corrected > 5, "{done:?}");
+    let differs = |e: &usize| table.extinction[*e] != frame.scene.table.extinction[*e];
+    let changed = (0..4096).filter(differs).fold(0_u64, |mask, e| mask | 1 << (e / 64));
+    let mask = |s: &Segment| u64::from(s[4]) | u64::from(s[5]) << 32;
+    let pairs = before.segments.iter().zip(&now.segments);
+    let (read, others): (Vec<_>, Vec<_>) = pairs.partition(|(old, _)| mask(old) & changed != 0);
+    assert_eq!(done.recomputed - done.corrected, read.len() as u64);
+    assert!(others.iter().all(|(old, new)| mask(old) == mask(new)), "more than was read");
 }
 
 /// Points get light again that are of another power or of a material of another colour, and no others.

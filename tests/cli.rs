@@ -247,8 +247,15 @@ fn outputs_that_cannot_be_written() {
     says(&render("image", &[]), &["image: images are written as"]);
     let json = render("image.exr", &["--json", "volume.nrrd/x.json"]);
     says(&json, &["volume.nrrd/x.json: cannot write"]);
-    let twice = render("image.exr", &["--json", "image.exr"]);
-    says(&twice, &["--json and -o name the same file"]);
+    for (out, json) in [("image.exr", "./image.exr"), ("new/image.exr", "new/image.exr")] {
+        says(&render(out, &["--json", json]), &[json, "is read or written already"]);
+    }
+    says(
+        &render("image.exr", &["--json", "scene.toml"]),
+        &["scene.toml is read or written already"],
+    );
+    let args = ["info", "volume.nrrd", "--json", "./volume.nrrd"];
+    says(&place.refused(&args), &["volume.nrrd is read or written already"]);
     // The system's reason is said once.
     assert_eq!(file.matches("Not a directory").count(), 1, "{file}");
     for args in [

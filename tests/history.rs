@@ -7,11 +7,11 @@ mod common;
 use common::gpu;
 use common::oracle::Oracle;
 use common::snapshot::snapshot;
-use common::world::{CLASSES, Dice, frame, random_edit, update, world};
+use common::world::{CLASSES, Dice, frame, random_edit, random_world, update, world};
 use photogram::light_field::LightField;
 use photogram::points::Points;
 use photogram::render::Split;
-use photogram::scene::{Estimator, Filter, Weighting};
+use photogram::scene::{Estimator, Filter, LightKind, Weighting};
 
 const VARIANTS: [(Estimator, Filter); 4] = [
     (Estimator::Fluence, Filter::Linear),
@@ -59,6 +59,40 @@ fn histories_contain_what_was_relied_on() {
             update(&mut frame, &scene, &Split::default());
         }
     }
+}
+
+/// The same of random worlds: volumes of all kinds, several batches, lights and settings as they
+/// come, with and without skipping of empty space.
+#[test]
+fn histories_of_random_worlds_contain_what_was_relied_on() {
+    let split = Split { batch_photons: Some(300), band_rows: Some(7), ..Split::default() };
+    let mut judged = [0; 2];
+    for seed in 0..12 {
+        let mut dice = Dice(100 + seed);
+        let (mut home, volume) = random_world(&mut dice);
+        // The oracle knows rays through the middle of pixels, and photons that come from outside.
+        home.settings.rays = 1;
+        for light in &mut home.lights {
+            if let LightKind::Point { position } = &mut light.kind {
+                *position *= 100.0;
+            }
+        }
+        let mut frame = frame(&home, &volume, &split);
+        let mut scene = home.clone();
+        for edit in 0..6 {
+            let found = Oracle::new(&volume, &scene, &frame).judge(&snapshot(gpu(), &frame));
+            assert_eq!(found.missing, [0, 0], "world {seed}, after {edit} edits: {found:?}");
+            for (sum, n) in judged.iter_mut().zip(found.relied_on) {
+                *sum += n;
+            }
+            let class = CLASSES[dice.below(CLASSES.len())];
+            if class != "light moved" {
+                random_edit(&mut scene, class, &mut dice, &home);
+            }
+            update(&mut frame, &scene, &split);
+        }
+    }
+    assert!(judged.iter().all(|&n| n > 20_000), "{judged:?}");
 }
 
 /// The historygrams of the means around points, with the points' places.

@@ -18,8 +18,9 @@ use photogram::scene::{Estimator, Filter, Scene, Weighting};
 use photogram::update::{PhotonFrame, Scope, Updated};
 use photogram::volume::Volume;
 
-/// Edits of the random sequences; `PHOTOGRAM_SOAK` asks for more.
-fn edits_wanted() -> usize {
+/// Edits of the random sequences that have something to do, of each light field;
+/// `PHOTOGRAM_SOAK` asks for more.
+fn edits_wanted() -> u64 {
     match std::env::var("PHOTOGRAM_SOAK") {
         Ok(text) => text.parse().expect("PHOTOGRAM_SOAK is a number of edits"),
         Err(_) => 1000,
@@ -31,7 +32,10 @@ fn random_edits_of_random_scenes_leave_what_a_rebuild_leaves() {
     const EACH: usize = 24;
     const BAND_ROWS: u32 = 7;
     let mut seen = Coverage::default();
-    for world in 0..edits_wanted().div_ceil(EACH) as u64 {
+    for world in 0.. {
+        if seen.fields.iter().all(|&n| n >= edits_wanted()) {
+            break;
+        }
         let mut dice = Dice(world);
         let (home, volume) = random_world(&mut dice);
         // Parts of the journal, batches and bands are small, so that there are several of each.
@@ -67,10 +71,19 @@ fn random_edits_of_random_scenes_leave_what_a_rebuild_leaves() {
                 }
             };
             earlier.truncate(6);
+            // Now and then an update is abandoned on the way, and another edit comes.
+            let abandoned = dice.below(8) == 0 && abandon(&mut frame, &scene, &split, &mut dice);
+            if abandoned {
+                random_edit(&mut scene, CLASSES[dice.below(CLASSES.len())], &mut dice, &home);
+            }
             let (scope, done) = update(&mut frame, &scene, &split);
             let now = snapshot(gpu(), &frame).without_histories();
             let bands = scene.camera.height.div_ceil(BAND_ROWS) * scene.settings.rays;
-            seen.look((class, scope), (&done, bands), &frame, (&before, &now));
+            // An update after one that was abandoned does the work of both.
+            match abandoned {
+                true => seen.abandoned += 1,
+                false => seen.look((class, scope), (&done, bands), &frame, (&before, &now)),
+            }
             let fresh = rebuild(gpu(), &scene, &volume, &Split::default());
             let wrong = now.difference(&fresh.without_histories());
             assert_eq!(wrong, None, "world {world}, edit {i} ({class}): {}", scene.to_toml());
@@ -82,7 +95,20 @@ fn random_edits_of_random_scenes_leave_what_a_rebuild_leaves() {
         assert_eq!(wrong, None, "world {world}: all undone");
     }
     println!("{seen:?}");
-    seen.suffices(edits_wanted() as u64);
+    seen.suffices(edits_wanted());
+}
+
+/// Applies an edit, and abandons its update at a random boundary, if it comes to that; returns
+/// whether it did.
+fn abandon(frame: &mut PhotonFrame, scene: &Scene, split: &Split, dice: &mut Dice) -> bool {
+    frame.edit(gpu(), scene, split).expect("applies");
+    let mut left = dice.below(12);
+    let mut stop = |_: &str| {
+        left = left.wrapping_sub(1);
+        left == usize::MAX
+    };
+    let progress = &mut Progress::until(&mut stop);
+    !frame.update(gpu(), split, progress).expect("updates").finished
 }
 
 /// What the random edits have met.
@@ -90,6 +116,10 @@ fn random_edits_of_random_scenes_leave_what_a_rebuild_leaves() {
 struct Coverage {
     /// Edits of each class that had a part of all computed anew.
     classes: BTreeMap<&'static str, u64>,
+    /// Edits that had anything computed anew, with the fluence and with points.
+    fields: [u64; 2],
+    /// Edits whose update was abandoned.
+    abandoned: u64,
     /// Edits that touched nothing, a part, everything.
     scopes: [u64; 3],
     invalid: u64,
@@ -101,11 +131,14 @@ struct Coverage {
     untouched_segments: u64,
     /// Empty slots, interactions, exits.
     slots: [u64; 3],
+    /// Segments that let all through, a part, nothing.
+    segments: [u64; 3],
     /// Segments whose light alone was corrected.
     corrected: u64,
     /// Updates with a work list of photons and of segments longer than a work group.
     long_lists: [u64; 2],
-    /// Updates that changed the upper word of a sum of light, in the fluence and in segments.
+    /// Updates that changed the upper word of a sum of light in passing: in the fluence where
+    /// flights left and entered it, in segments where light alone was corrected.
     carried: [u64; 2],
     /// Updates of several batches of one light.
     batches: u64,
@@ -133,12 +166,17 @@ impl Coverage {
             self.listed += done.listed;
             self.untouched_photons += done.photons - done.listed;
             self.recomputed += done.recomputed;
+            assert!(done.recomputed <= done.segments, "a segment was computed twice");
             self.untouched_segments += done.segments - done.recomputed;
             *self.classes.entry(class).or_default() += 1;
             self.corrected += done.corrected;
-            self.long_lists[0] += u64::from(frame.map.batches.iter().any(|b| b.list.count > GROUP));
-            // Were the list of each band as short as a group, they would have no more in all.
-            self.long_lists[1] += u64::from(done.recomputed > u64::from(GROUP * bands));
+            // Were each list as short as a group, all would have no more together.
+            let many = u64::from(GROUP) * frame.map.batches.len() as u64;
+            self.long_lists[0] += u64::from(done.listed > many);
+            // Where all segments are computed anew none are looked for.
+            let looked_for = done.recomputed < done.segments;
+            let many = u64::from(GROUP * bands);
+            self.long_lists[1] += u64::from(looked_for && done.recomputed > many);
             let upper = |s: &Snapshot| -> Vec<[u32; 3]> {
                 match &frame.field {
                     LightField::Fluence(_) => s.field.iter().map(|c| [c[1], c[3], c[5]]).collect(),
@@ -147,14 +185,27 @@ impl Coverage {
             };
             let carries = upper(before) != upper(now);
             match &frame.field {
-                LightField::Fluence(_) => self.carried[0] += u64::from(carries),
+                LightField::Fluence(_) => {
+                    // Flights of so few are not summed anew.
+                    self.carried[0] += u64::from(carries && 2 * done.listed <= done.photons);
+                }
                 LightField::Points(_) => {
-                    self.carried[1] += u64::from(carries && done.corrected > 0);
+                    let alone = done.corrected > 0 && done.recomputed == done.corrected;
+                    self.carried[1] += u64::from(carries && alone);
                 }
             }
         }
+        if scope == Scope::Nothing {
+            return;
+        }
+        let which = matches!(frame.field, LightField::Points(_));
+        self.fields[usize::from(which)] += 1;
         for [_, state] in &now.slots {
             self.slots[(state[1] >> 30) as usize] += 1;
+        }
+        for segment in &now.segments {
+            let passed = f32::from_bits(segment[3]);
+            self.segments[usize::from(passed < 1.0) + usize::from(passed == 0.0)] += 1;
         }
         self.batches += u64::from(frame.map.batches.iter().any(|b| b.first_index > 0));
         if let LightField::Points(points) = &frame.field {
@@ -164,7 +215,9 @@ impl Coverage {
     }
 
     fn suffices(&self, edits: u64) {
-        for class in CLASSES {
+        assert!(self.fields.iter().all(|&n| n >= edits), "{:?}", self.fields);
+        assert!(self.abandoned > edits / 20, "few updates were abandoned");
+        for class in CLASSES.into_iter().chain(["undone", "all undone"]) {
             assert!(self.classes.get(class).is_some_and(|&n| n > edits / 60), "{class} is rare");
         }
         let many = [
@@ -179,6 +232,7 @@ impl Coverage {
         assert!(many.iter().all(|&n| n > 20 * edits), "{many:?}");
         assert!(self.scopes.iter().all(|&n| n > edits / 100), "{:?}", self.scopes);
         assert!(self.slots.iter().all(|&n| n > 1000), "{:?}", self.slots);
+        assert!(self.segments.iter().all(|&n| n > 1000), "{:?}", self.segments);
         assert!(self.long_lists.iter().all(|&n| n > edits / 20), "{:?}", self.long_lists);
         assert!(self.carried.iter().all(|&n| n > edits / 50), "few sums carried");
         assert!(self.batches > edits / 10, "few lights had several batches");

@@ -16,7 +16,7 @@ struct PointsParams {
     all: u32,              // 1: of all slots or points, not of those that moved, stay or are listed
     fresh: u32,            // 1: nobody has seen these points
     changed: vec2<u32>,    // bins whose extinction changed since
-    first: u32,            // of the points that are a batch's, where nobody has seen them; or of a slice
+    first: u32,            // of the points that are looked at
     first_slot: u32,       // of the table's slots that are a batch's
     slots: u32,            // how many those are
     pad0: u32,

@@ -229,8 +229,10 @@ impl Report {
             let text = chart.svg().map_err(failed(&path))?;
             files.push((path, text.into_bytes()));
         }
-        let text = serde_json::to_vec_pretty(&self.json()).unwrap_or_default();
-        files.push((folder.join(format!("{}.json", self.name)), text));
+        let path = folder.join(format!("{}.json", self.name));
+        let text = serde_json::to_vec_pretty(&self.json());
+        let text = text.map_err(|e| failed(&path)(e.to_string()))?;
+        files.push((path, text));
         for (path, bytes) in &files {
             write_whole(path, |file| {
                 std::io::Write::write_all(file, bytes).map_err(|source| Error::Io {

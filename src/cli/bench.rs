@@ -10,7 +10,13 @@ use super::{align_right, check_places, make_folder, say, with_progress, write_js
 use crate::{BenchArgs, What};
 
 pub fn run_bench(adapter: &AdapterChoice, args: &BenchArgs) -> Result<()> {
-    check_places(&[Some(&args.out.join("table1.json")), args.json.as_deref()])?;
+    check_places(
+        &[
+            Some(&args.out.join(format!("{:?}.json", args.what).to_lowercase())),
+            args.json.as_deref(),
+        ],
+        &[],
+    )?;
     let gpu = Gpu::open(adapter)?;
     let effort = Effort { scale: args.scale, runs: args.runs.into() };
     let report = with_progress(|progress| match args.what {

@@ -8,7 +8,7 @@ pub mod render;
 use std::io::{ErrorKind, IsTerminal, Write as _};
 use std::path::Path;
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use comfy_table::{CellAlignment, Table};
 use photogram::files;
 use photogram::film::Notes;
@@ -29,9 +29,18 @@ pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<()> {
     })?)
 }
 
-/// Refuses, before the work, output paths that it could not be written to after it.
-pub fn check_places(paths: &[Option<&Path>]) -> Result<()> {
-    Ok(paths.iter().flatten().try_for_each(files::check_writable)?)
+/// Refuses, before the work, output paths that it could not be written to after it: two at one
+/// place, or over a file that is read, among them.
+pub fn check_places(written: &[Option<&Path>], read: &[Option<&Path>]) -> Result<()> {
+    let mut taken: Vec<_> = read.iter().flatten().map(|path| files::place_of(path)).collect();
+    for path in written.iter().flatten() {
+        files::check_writable(path)?;
+        let place = files::place_of(path);
+        let what = path.display();
+        ensure!(!taken.contains(&place), "{what} is read or written already: name another file");
+        taken.push(place);
+    }
+    Ok(())
 }
 
 /// What was clamped: light that a sum has no room for, and extinction. A line each, of `whom`.

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use comfy_table::{Table, presets};
 use photogram::film::Format;
 use photogram::gpu::{AdapterChoice, Gpu};
@@ -16,8 +16,7 @@ use crate::{RenderArgs, prepare};
 pub fn run_render(adapter: &AdapterChoice, args: &RenderArgs) -> Result<()> {
     let format = Format::of(&args.out)?;
     let json = args.scene.json.as_deref();
-    ensure!(json != Some(&args.out), "--json and -o name the same file");
-    check_places(&[Some(&args.out), json])?;
+    check_places(&[Some(&args.out), json], &args.scene.read())?;
     let (mut scene, volume) = prepare(&args.scene, |settings| {
         settings.method = args.method.unwrap_or(settings.method);
         settings.rays = args.rays.unwrap_or(settings.rays);

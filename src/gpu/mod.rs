@@ -254,9 +254,10 @@ impl Gpu {
         self.slice_budget = budget;
     }
 
-    /// Bytes of one buffer that a kernel can see.
+    /// Bytes of one buffer that a kernel can see, and no more than 32 bits can count.
     pub fn max_binding(&self) -> u64 {
-        self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size)
+        let most = self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size);
+        most.min(u64::from(u32::MAX) & !255)
     }
 
     /// Largest edge of a volume or of a light-field grid.

@@ -28,7 +28,7 @@ use crate::segment::{SegmentMap, SegmentStage};
 /// What an edit can reach.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub enum Scope {
-    /// Nothing that anybody could see.
+    /// Nothing that anybody could see, beside what an update that was abandoned left over.
     Nothing,
     /// What its query finds.
     Part,

@@ -147,7 +147,7 @@ pub fn random_world(dice: &mut Dice) -> (Scene, Volume) {
     let third =
         "[[light]]\nkind = \"surroundings\"\nname = \"third\"\nshare = 0.5\nradiance = 0.1\n";
     let mut scene = super::scene_over(&volume, &format!("{text}{third}"));
-    let (glows, is_askew) = (dice.below(2) == 0, dice.below(2) == 0);
+    let (glows, is_askew) = (dice.below(2) == 0, dice.below(3) == 0);
     for material in &mut scene.materials {
         if glows {
             material.emission = DVec3::new(0.02, 0.01, 0.0) * dice.unit();
@@ -181,14 +181,16 @@ pub fn random_world(dice: &mut Dice) -> (Scene, Volume) {
         light.share = 0.2 + 0.6 * dice.unit();
     }
     let settings = &mut scene.settings;
-    // The fluence knows isotropic scattering only.
-    settings.estimator = match is_askew {
+    // The fluence knows isotropic scattering only. Each has half of the worlds.
+    settings.estimator = match is_askew || dice.below(4) == 0 {
         true => Some(Estimator::Points),
-        false => Some([Estimator::Fluence, Estimator::Fluence, Estimator::Points][dice.below(3)]),
+        false => Some(Estimator::Fluence),
     };
     settings.weighting = [Weighting::Even, Weighting::Plain][dice.below(2)];
     settings.spatial = [Spatial::Exact, Spatial::Exact, Spatial::Axes][dice.below(3)];
     settings.skip_empty = dice.below(4) > 0;
+    // A dense world has segments that let nothing through.
+    settings.majorant = Some([2.0, 2.0, 12.0][dice.below(3)]);
     settings.photons = 400 + dice.below(600) as u64;
     settings.max_events = 1 + dice.below(7) as u32;
     settings.roulette_from = 1 + dice.below(4) as u32;
@@ -258,16 +260,17 @@ pub fn random_edit(
     };
     let m = dice.below(scene.materials.len().max(1));
     let light = dice.below(scene.lights.len());
+    let most = 0.95 * scene.settings.majorant.expect("the world has one");
     if scene.materials.is_empty() {
         scene.materials = home.materials.clone();
         return "added";
     }
     let material = &mut scene.materials[m];
     match class {
-        "denser" => material.extinction = (material.extinction * (1.1 + dice.unit())).min(1.9),
+        "denser" => material.extinction = (material.extinction * (1.1 + dice.unit())).min(most),
         "thinner" => material.extinction *= 0.2 + 0.7 * dice.unit(),
         "transparent" => material.extinction = 0.0,
-        "opaque" => material.extinction = 1.9,
+        "opaque" => material.extinction = most,
         "recoloured" => {
             material.colour = DVec3::new(dice.unit(), dice.unit(), dice.unit());
             material.scatter = 1.0;
