@@ -119,6 +119,7 @@ fn scenes_that_cannot_be() {
             "photons = 0",
             "scene.toml:23: [settings]: `photons` is 0: it must be 1",
         ),
+        ("fov_deg = 30", "fov_deg = 1e-5", "mm from the volume: over "),
         ("width = 16", "width = 0", "scene.toml:8: [camera]: `width` is 0: it must be 1 to 16384"),
         ("= [100, 300]", "= [300, 100]", "scene.toml:19: [[material]] `ball`"),
         ("extinction = 0.2", "extinction = -1", "`extinction` is -1: it must be >= 0, per mm"),

@@ -43,12 +43,17 @@ impl VolumeSource {
 /// Collisions per smallest voxel spacing beyond which a photon would not arrive in good time.
 const MAX_COLLISIONS_PER_VOXEL: f64 = 64.0;
 
+/// March steps that a camera may be away: over 2^20 single precision places the samples of its
+/// rays no better than to an eighth of a step.
+const MAX_STEPS_AWAY: f64 = 1_048_576.0;
+
 impl Scene {
     /// Refuses a scene that would show nothing of its volume, or take forever to.
     ///
     /// # Errors
     /// No material has extinction or emission anywhere in the data's range; the photon map
-    /// has no light; the majorant or the gather radius is out of proportion to the volume.
+    /// has no light; the majorant, the gather radius or the distance of the camera is out of
+    /// proportion to the volume; the camera is not placed yet.
     pub fn check_against(&self, volume: &Volume) -> Result<()> {
         let [low, high] = volume.range();
         let most = MAX_COLLISIONS_PER_VOXEL / volume.spacing().min_element();
@@ -68,6 +73,15 @@ impl Scene {
         if let Some(radius) = self.settings.radius.filter(|&r| r > diagonal) {
             return Err(Error::setting(format!(
                 "`radius` is {radius} mm: the whole volume measures {diagonal:.3} mm; lower it"
+            )));
+        }
+        let eye = volume.local_from_world().transform_point3(self.camera.view()?.origin);
+        let away = eye.distance(volume.extent() / 2.0);
+        let farthest = MAX_STEPS_AWAY * self.settings.step * volume.spacing().min_element();
+        if away > farthest {
+            return Err(Error::setting(format!(
+                "the camera is {away:.0} mm from the volume: over {farthest:.0} mm the samples along \
+                 its rays cannot be told apart; move it nearer, or raise `fov_deg` or `step`"
             )));
         }
         if !Table::build(&self.materials, [low, high], None).is_empty() {
