@@ -11,11 +11,13 @@ use std::path::PathBuf;
 
 use clap::Parser;
 use photogram::film::Image;
+use photogram::film::metrics::Metrics;
+use photogram::gpu::Progress;
 use photogram::gpu::{AdapterChoice, Gpu};
 use photogram::measure;
-use photogram::metrics::Metrics;
-use photogram::render::{Progress, Rendered, Report, Split, render};
+use photogram::render::{Rendered, Report, render};
 use photogram::scene::{Estimator, Scale, Scene, Weighting};
+use photogram::split::Split;
 use photogram::volume::Volume;
 use serde_json::json;
 
@@ -40,7 +42,7 @@ const RUNS: usize = 5;
 
 fn main() -> anyhow::Result<()> {
     let args = Args::parse();
-    let gpu = Gpu::open(&AdapterChoice::Best)?;
+    let gpu = photogram::open(&AdapterChoice::Best)?;
     println!("adapter: {}", gpu.report().name);
     let mut report = json!({
         "adapter": gpu.report(),

@@ -11,10 +11,12 @@ use std::path::{Path, PathBuf};
 
 use clap::Parser;
 use photogram::film::Image;
+use photogram::film::metrics::Metrics;
+use photogram::gpu::Progress;
 use photogram::gpu::{AdapterChoice, Gpu};
-use photogram::metrics::Metrics;
-use photogram::render::{Progress, Split, render};
+use photogram::render::render;
 use photogram::scene::{Estimator, Method, Scene, Weighting};
+use photogram::split::Split;
 use photogram::volume::Volume;
 use plotters::prelude::*;
 
@@ -55,7 +57,7 @@ fn main() -> anyhow::Result<()> {
         let rows: Vec<Row> = csv.lines().skip(1).map(Row::read).collect::<anyhow::Result<_>>()?;
         return charts(&args, &rows);
     }
-    let gpu = Gpu::open(&AdapterChoice::Best)?;
+    let gpu = photogram::open(&AdapterChoice::Best)?;
     println!("adapter: {}", gpu.report().name);
     println!(
         "scene               estimator     size  photons rays    relMSE    leak  energy  trace ms field ms gather ms"

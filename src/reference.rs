@@ -3,17 +3,17 @@
 
 use std::sync::Arc;
 
-use crate::counter::CounterBuffer;
+use crate::device_scene::DeviceScene;
 use crate::error::Result;
 use crate::film::Image;
-use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
+use crate::gpu::Progress;
+use crate::gpu::counter::CounterBuffer;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
 use crate::gpu::run::Pace;
-use crate::render::Progress;
 use crate::scene::{Method, Scene};
-use crate::segment::{SegmentParams, camera_params};
+use crate::segment::SegmentParams;
 
 shared_struct! {
     /// What the reference kernel is told beside the camera.
@@ -67,7 +67,7 @@ impl Reference {
         // Where only emission is, one look per macro-cell edge suffices on average.
         let glow_rate = 1.0 / device.frame.cell_mm.iter().copied().fold(f32::INFINITY, f32::min);
         Ok(Self {
-            params: camera_params(&scene.camera, &device.local_from_world)?,
+            params: SegmentParams::of(scene.camera.rays(&device.local_from_world)?),
             path: ReferenceParams {
                 background: scene.background.as_vec3().to_array(),
                 max_events,

@@ -2,78 +2,19 @@
 
 use std::time::Instant;
 
-use crate::counter::Counters;
+use crate::device_scene::DeviceScene;
 use crate::error::Result;
+use crate::field::LightField;
 use crate::film::Image;
-use crate::frame::DeviceScene;
-use crate::gpu::Gpu;
+use crate::gpu::counter::Counters;
 use crate::gpu::run::{Timing, milliseconds};
-use crate::light_field::LightField;
+use crate::gpu::{Gpu, Progress};
 use crate::photon::SLOT_BYTES;
 use crate::reference::Reference;
 use crate::scene::{Method, Scene};
+use crate::split::Split;
 use crate::update::PhotonFrame;
 use crate::volume::Volume;
-
-/// What a typical contribution to an integer sum is scaled to: 22 bits of precision,
-/// and room for one five hundred times as large before 31 bits clamp it.
-pub const CONTRIBUTION: f64 = (1 << 22) as f64;
-
-/// Hears of the progress of long work, and may have an update abandoned.
-#[derive(Default)]
-pub struct Progress<'a> {
-    hear: Option<&'a mut dyn FnMut(&'static str, u64, u64)>,
-    stop: Option<&'a mut dyn FnMut(&'static str) -> bool>,
-}
-
-impl<'a> Progress<'a> {
-    /// Tells `hear` the stage, the items done, and the items in all.
-    pub fn new(hear: &'a mut dyn FnMut(&'static str, u64, u64)) -> Self {
-        Self { hear: Some(hear), stop: None }
-    }
-
-    /// Nobody hears.
-    pub fn silent() -> Self {
-        Self::default()
-    }
-
-    /// Asks `stop` at every boundary of an update (before each part of `photons`, in a rebuild each
-    /// batch, before the `light field`, before the `segments`) whether to abandon it there.
-    pub fn until(stop: &'a mut dyn FnMut(&'static str) -> bool) -> Self {
-        Self { hear: None, stop: Some(stop) }
-    }
-
-    pub(crate) fn stops(&mut self, boundary: &'static str) -> bool {
-        self.stop.as_mut().is_some_and(|stop| stop(boundary))
-    }
-
-    pub(crate) fn at(&mut self, stage: &'static str, done: u64, total: u64) {
-        if let Some(hear) = &mut self.hear {
-            hear(stage, done, total);
-        }
-    }
-}
-
-/// How the work is cut up. No choice here changes a bit of the result.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Split {
-    /// Photons in a batch, at most; `None`: as many as a binding holds.
-    pub batch_photons: Option<u32>,
-    /// Rows of a screen band, at most; `None`: as many as a binding holds.
-    pub band_rows: Option<u32>,
-    /// Photons that the journal of an update holds, at most; `None`: 64 MiB of slots.
-    pub journal: Option<u32>,
-    /// Slots whose points share a table, at most, unless they are of one batch; `None`: as many as
-    /// a binding holds.
-    pub table_slots: Option<u32>,
-    /// Buckets of a table of points, at most; `None`: 16 MiB of them.
-    pub buckets: Option<u32>,
-    /// Whether updates take all points anew, and do not merge those that moved with the others;
-    /// `None`: where that was measured to be faster.
-    pub anew: Option<bool>,
-    /// Shuffles the work lists with this seed, to show that order does not matter.
-    pub shuffle: Option<u64>,
-}
 
 /// What a render cost and did.
 #[derive(Clone, Debug, serde::Serialize)]

@@ -7,10 +7,11 @@ use common::gpu;
 use common::snapshot::{difference, snapshot};
 use common::world::{frame, update, world};
 use glam::DVec3;
-use photogram::light_field::LightField;
-use photogram::query::Query;
-use photogram::render::{Progress, Split};
+use photogram::field::LightField;
+use photogram::gpu::Progress;
+use photogram::history::Query;
 use photogram::scene::{CameraPlace, Estimator, Filter, Scene, Weighting};
+use photogram::split::Split;
 use photogram::update::PhotonFrame;
 
 /// Applies an edit, and abandons its update at the boundary of this number; returns all that

@@ -7,11 +7,12 @@ use common::gpu;
 use common::snapshot::{difference, snapshot};
 use common::world::{WORLD, frame, update, world};
 use glam::{DMat3, DVec3};
-use photogram::gpu::{AdapterChoice, Gpu};
+use photogram::gpu::AdapterChoice;
+use photogram::gpu::Progress;
 use photogram::measure;
-use photogram::render::{Progress, Split};
 use photogram::scene::{CameraPlace, Estimator, Filter, LightKind, Scene, Weighting};
 use photogram::segment::Segment;
+use photogram::split::Split;
 use photogram::update::{Phases, Scope, Updated};
 use photogram::volume::{Values, Volume};
 
@@ -50,7 +51,7 @@ fn an_edit_that_changes_no_entry_visits_nothing() {
 /// own: other tests work on theirs.
 #[test]
 fn times_of_phases_begin_anew_with_every_update() {
-    let gpu = Gpu::open(&AdapterChoice::Best).expect("an adapter");
+    let gpu = photogram::open(&AdapterChoice::Best).expect("an adapter");
     let (scene, volume) = world(Estimator::Points, Weighting::Even, Filter::Linear);
     let mut frame = measure::fresh(&gpu, &scene, &volume).expect("fits");
     let mut times = |rebuilds| {

@@ -7,12 +7,14 @@ use std::f64::consts::PI;
 
 use common::{Judged, gauss, gpu, rendered, scene_over};
 use glam::{DMat3, DVec3, dvec3};
+use photogram::device_scene::DeviceScene;
+use photogram::field::LightField;
 use photogram::film::Image;
-use photogram::frame::DeviceScene;
-use photogram::light_field::LightField;
+use photogram::gpu::Progress;
 use photogram::reference::Reference;
-use photogram::render::{Progress, Split, render};
+use photogram::render::render;
 use photogram::scene::{Estimator, Filter, Method, Scene, Weighting};
+use photogram::split::Split;
 use photogram::update::PhotonFrame;
 use photogram::volume::Volume;
 

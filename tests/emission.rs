@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 use common::draws::{DRAWS, about, askew, bin, draws, judge_uniform, put, vector};
 use common::{Judged, gauss};
 use glam::{DVec3, dvec3};
-use photogram::probe::{ProbeParams, What};
+use photogram::photon::probe::{ProbeParams, What};
 use photogram::scene::{LightKind, Scene};
 use photogram::volume::Volume;
 

@@ -8,10 +8,10 @@ use common::gpu;
 use common::oracle::Oracle;
 use common::snapshot::snapshot;
 use common::world::{CLASSES, Dice, frame, random_edit, random_world, update, world};
-use photogram::light_field::LightField;
-use photogram::points::Points;
-use photogram::render::Split;
+use photogram::field::LightField;
+use photogram::field::points::Points;
 use photogram::scene::{Estimator, Filter, LightKind, Weighting};
+use photogram::split::Split;
 
 const VARIANTS: [(Estimator, Filter); 4] = [
     (Estimator::Fluence, Filter::Linear),

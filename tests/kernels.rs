@@ -3,34 +3,36 @@
 
 use std::collections::BTreeSet;
 
-use photogram::gpu::kernel::{KERNELS, compose, compose_unchecked, kernel_files, parse};
+use photogram::gpu::kernel::parse;
 use photogram::gpu::layout::Layout;
 use photogram::gpu::scan;
-use photogram::{composite, fluence, frame, light, photon, points, reference, segment};
+use photogram::kernels::LIBRARY;
+use photogram::segment::composite;
+use photogram::{device_scene, field, photon, reference, segment};
 use wgpu::naga::back::pipeline_constants::process_overrides;
 use wgpu::naga::back::spv;
 use wgpu::naga::valid::{Capabilities, ValidationFlags, Validator};
 use wgpu::naga::{AddressSpace, Module, StorageAccess, TypeInner};
 
 const LAYOUTS: &[Layout] = &[
-    frame::Frame::LAYOUT,
-    frame::Optics::LAYOUT,
-    frame::CellLayers::LAYOUT,
-    frame::CellRange::LAYOUT,
-    light::Light::LAYOUT,
-    light::Lights::LAYOUT,
+    device_scene::Frame::LAYOUT,
+    device_scene::Optics::LAYOUT,
+    device_scene::CellLayers::LAYOUT,
+    device_scene::CellRange::LAYOUT,
+    device_scene::lights::Light::LAYOUT,
+    device_scene::lights::Lights::LAYOUT,
     photon::PhotonParams::LAYOUT,
-    fluence::ResolveParams::LAYOUT,
-    fluence::FluenceParams::LAYOUT,
-    points::PointsParams::LAYOUT,
+    field::fluence::ResolveParams::LAYOUT,
+    field::fluence::FluenceParams::LAYOUT,
+    field::points::PointsParams::LAYOUT,
     segment::SegmentParams::LAYOUT,
     composite::CompositeParams::LAYOUT,
     reference::ReferenceParams::LAYOUT,
-    photogram::dirty::DirtyGrid::LAYOUT,
-    photogram::work::ListParams::LAYOUT,
-    photogram::work::FillParams::LAYOUT,
+    photogram::field::dirty::DirtyGrid::LAYOUT,
+    photogram::gpu::work::ListParams::LAYOUT,
+    photogram::gpu::work::FillParams::LAYOUT,
     scan::ScanParams::LAYOUT,
-    photogram::probe::ProbeParams::LAYOUT,
+    photogram::photon::probe::ProbeParams::LAYOUT,
 ];
 
 /// All subsets of a kernel's flags.
@@ -41,9 +43,10 @@ fn permutations(flags: &'static [&'static str]) -> impl Iterator<Item = Vec<&'st
 }
 
 fn each_module(mut look: impl FnMut(&str, &[&str], &Module)) {
-    for (name, flags) in KERNELS {
+    for (name, flags) in LIBRARY.kernels {
         for on in permutations(flags) {
-            let source = compose(name, &on).unwrap_or_else(|e| panic!("{name} {on:?}: {e}"));
+            let source =
+                LIBRARY.compose(name, &on).unwrap_or_else(|e| panic!("{name} {on:?}: {e}"));
             let module = parse(name, &source).unwrap_or_else(|e| panic!("{name} {on:?}: {e}"));
             look(name, &on, &module);
         }
@@ -52,19 +55,19 @@ fn each_module(mut look: impl FnMut(&str, &[&str], &Module)) {
 
 #[test]
 fn every_kernel_file_is_declared() {
-    let files: BTreeSet<_> = kernel_files().into_iter().collect();
-    let declared: BTreeSet<_> = KERNELS.iter().map(|(name, _)| name.to_string()).collect();
+    let files: BTreeSet<_> = LIBRARY.files().into_iter().collect();
+    let declared: BTreeSet<_> = LIBRARY.kernels.iter().map(|(name, _)| name.to_string()).collect();
     assert_eq!(files, declared);
 }
 
 /// A flag that changes a kernel must be among those that the kernel declares.
 #[test]
 fn undeclared_flags_make_no_difference() {
-    let all: BTreeSet<_> = KERNELS.iter().flat_map(|(_, flags)| *flags).copied().collect();
-    for (name, flags) in KERNELS {
-        let plain = compose(name, &[]).expect("composes");
+    let all: BTreeSet<_> = LIBRARY.kernels.iter().flat_map(|(_, flags)| *flags).copied().collect();
+    for (name, flags) in LIBRARY.kernels {
+        let plain = LIBRARY.compose(name, &[]).expect("composes");
         for flag in all.iter().filter(|flag| !flags.contains(flag)) {
-            let with = compose_unchecked(name, &[flag]).expect("composes");
+            let with = LIBRARY.compose(name, &[flag]).expect("composes");
             assert_eq!(with, plain, "{name} depends on the undeclared flag {flag}");
         }
     }
@@ -145,7 +148,7 @@ fn no_bound_struct_is_unchecked() {
 fn a_wrong_layout_is_found() {
     let mut wrong = composite::CompositeParams::LAYOUT;
     wrong.members = &[("background", 4, 12)];
-    let source = compose("composite", &[]).expect("composes");
+    let source = LIBRARY.compose("composite", &[]).expect("composes");
     let module = parse("composite", &source).expect("parses");
     for (_, ty) in module.types.iter() {
         if let (TypeInner::Struct { members, span }, Some("CompositeParams")) =

@@ -8,10 +8,11 @@ use std::time::Duration;
 
 use common::snapshot::{rebuild, snapshot};
 use common::{gpu, truth_scene};
-use photogram::frame::DeviceScene;
-use photogram::gpu::{AdapterChoice, Gpu};
-use photogram::render::{Progress, Split};
+use photogram::device_scene::DeviceScene;
+use photogram::gpu::AdapterChoice;
+use photogram::gpu::Progress;
 use photogram::scene::{Estimator, Filter, Scene, Weighting};
+use photogram::split::Split;
 use photogram::update::PhotonFrame;
 use photogram::volume::Volume;
 
@@ -72,7 +73,7 @@ fn order_of_work_changes_no_bit() {
 
 #[test]
 fn slices_of_any_length_give_the_same_bits() {
-    let mut hasty = Gpu::open(&AdapterChoice::Best).expect("an adapter");
+    let mut hasty = photogram::open(&AdapterChoice::Best).expect("an adapter");
     hasty.set_slice_budget(Duration::from_micros(200));
     for (label, scene, volume) in scenes() {
         let plain = rebuild(gpu(), &scene, &volume, &Split::default());
@@ -85,7 +86,7 @@ fn slices_of_any_length_give_the_same_bits() {
 #[test]
 fn updates_in_slices_leave_what_a_rebuild_leaves() {
     const EDITS: u64 = 8;
-    let mut hasty = Gpu::open(&AdapterChoice::Best).expect("an adapter");
+    let mut hasty = photogram::open(&AdapterChoice::Best).expect("an adapter");
     hasty.set_slice_budget(Duration::from_micros(20));
     let plain = Split::default();
     for (label, mut scene, volume) in scenes() {

@@ -4,8 +4,8 @@ mod common;
 
 use common::draws::{DRAWS, askew, draws, put, vector};
 use glam::{DVec3, dvec3};
-use photogram::light::hash;
-use photogram::probe::{ProbeParams, What};
+use photogram::bits::hash;
+use photogram::photon::probe::{ProbeParams, What};
 use photogram::scene::LightKind;
 
 /// The hash of `kernels/shared/random.wgsl`, from its paper.

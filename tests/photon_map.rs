@@ -7,11 +7,12 @@ mod common;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use common::{gpu, mean, rendered, truth_image, truth_scene};
+use photogram::device_scene::DeviceScene;
 use photogram::film::Image;
-use photogram::frame::DeviceScene;
-use photogram::metrics::Metrics;
-use photogram::render::{Progress, Split};
+use photogram::film::metrics::Metrics;
+use photogram::gpu::Progress;
 use photogram::scene::{Estimator, Method, Scene, Settings, Weighting};
+use photogram::split::Split;
 use photogram::update::PhotonFrame;
 use photogram::volume::Volume;
 

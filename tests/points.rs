@@ -4,11 +4,11 @@ mod common;
 
 use common::gpu;
 use common::world::{frame, update, world};
-use photogram::light_field::LightField;
+use photogram::field::LightField;
+use photogram::field::points::Contents;
 use photogram::measure::compare;
-use photogram::points::Contents;
-use photogram::render::Split;
 use photogram::scene::{Estimator, Filter, Scene, Weighting};
+use photogram::split::Split;
 use photogram::update::{PhotonFrame, Scope};
 
 /// Gather radius, mm, of scenes whose cells are a bucket each; and of a scene that has more cells

@@ -5,16 +5,17 @@ mod common;
 use std::mem::offset_of;
 
 use common::{gpu, truth_scene};
-use photogram::counter::{COUNTER_STRIPES, CounterBuffer, Counters};
-use photogram::dirty::Dirty;
-use photogram::frame::DeviceScene;
+use photogram::bits::hash;
+use photogram::device_scene::DeviceScene;
+use photogram::field::dirty::Dirty;
+use photogram::gpu::Progress;
+use photogram::gpu::counter::{COUNTER_STRIPES, CounterBuffer, Counters};
 use photogram::gpu::scan::Scanner;
-use photogram::light::hash;
-use photogram::render::{Progress, Split};
+use photogram::gpu::work::WorkList;
 use photogram::scene::Spatial;
 use photogram::segment::SegmentStage;
+use photogram::split::Split;
 use photogram::update::PhotonFrame;
-use photogram::work::WorkList;
 
 /// About the edges of work groups and blocks, and over the square of a block.
 const SIZES: [usize; 14] =

@@ -4,10 +4,10 @@
 mod common;
 
 use common::{TRUTH, gpu, truth_image, truth_scene};
+use photogram::device_scene::DeviceScene;
 use photogram::film::Image;
-use photogram::frame::DeviceScene;
+use photogram::gpu::Progress;
 use photogram::reference::Reference;
-use photogram::render::Progress;
 use photogram::scene::{Method, Scene};
 use photogram::volume::Volume;
 use statrs::distribution::{ContinuousCDF, StudentsT};

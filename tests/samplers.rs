@@ -5,10 +5,10 @@ mod common;
 use common::draws::{CAMERA, DRAWS, about, bin, draws, judge_uniform, put, vector};
 use common::{Judged, gpu, scene_over};
 use glam::{DMat3, DVec3, dvec3};
-use photogram::frame::{DeviceScene, MARK_CLASSES};
-use photogram::probe::{ProbeParams, What, draw};
+use photogram::device_scene::DeviceScene;
+use photogram::history::{Bins, MARK_CLASSES};
+use photogram::photon::probe::{ProbeParams, What, draw};
 use photogram::scene::{Filter, LightKind, Scene};
-use photogram::transfer::Bins;
 use photogram::volume::texture::MAX_SQUARES;
 use photogram::volume::{Values, Volume};
 

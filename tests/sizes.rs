@@ -7,9 +7,10 @@ use common::gpu;
 use common::snapshot::{difference, snapshot};
 use common::world::{WORLD, frame, update, world};
 use glam::{DMat3, DVec3, Vec3};
-use photogram::frame::DeviceScene;
-use photogram::render::{Progress, Split};
+use photogram::device_scene::DeviceScene;
+use photogram::gpu::Progress;
 use photogram::scene::{Estimator, Filter, Scene, Weighting};
+use photogram::split::Split;
 use photogram::volume::Volume;
 
 /// More segments than a thread looks at: those that see changed light are found wherever they are.

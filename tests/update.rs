@@ -9,12 +9,13 @@ use common::gpu;
 use common::snapshot::{Snapshot, difference, rebuild, snapshot};
 use common::world::{CLASSES, Dice, frame, random_edit, random_world, update, world};
 use glam::DVec3;
-use photogram::counter::CounterBuffer;
+use photogram::field::LightField;
 use photogram::gpu::GROUP;
-use photogram::light_field::LightField;
+use photogram::gpu::Progress;
+use photogram::gpu::counter::CounterBuffer;
 use photogram::photon::PhotonParams;
-use photogram::render::{Progress, Split};
 use photogram::scene::{Estimator, Filter, Scene, Weighting};
+use photogram::split::Split;
 use photogram::update::{PhotonFrame, Scope, Updated};
 use photogram::volume::Volume;
 

@@ -2,8 +2,8 @@
 
 use anyhow::{Result, ensure};
 use comfy_table::{Table, presets};
-use photogram::bench::{self, Effort, Sheet};
-use photogram::gpu::{AdapterChoice, Gpu};
+use photogram::gpu::AdapterChoice;
+use photogram::measure::{self, Effort, Sheet};
 use serde_json::Value;
 
 use super::{align_right, check_places, make_folder, say, with_progress, write_json};
@@ -17,15 +17,15 @@ pub fn run_bench(adapter: &AdapterChoice, args: &BenchArgs) -> Result<()> {
         ],
         &[],
     )?;
-    let gpu = Gpu::open(adapter)?;
+    let gpu = photogram::open(adapter)?;
     let effort = Effort { scale: args.scale, runs: args.runs.into() };
     let report = with_progress(|progress| match args.what {
-        What::Table1 => bench::table1::run(&gpu, effort, progress),
-        What::Sweeps => bench::sweeps::run(&gpu, effort, progress),
-        What::Visits => bench::visits::run(&gpu, effort, progress),
-        What::Overhead => bench::overhead::run(&gpu, effort, progress),
-        What::Bins => bench::bins::run(&gpu, effort, progress),
-        What::Merging => bench::merging::run(&gpu, effort, progress),
+        What::Table1 => measure::table1::run(&gpu, effort, progress),
+        What::Sweeps => measure::sweeps::run(&gpu, effort, progress),
+        What::Visits => measure::visits::run(&gpu, effort, progress),
+        What::Overhead => measure::overhead::run(&gpu, effort, progress),
+        What::Bins => measure::bins::run(&gpu, effort, progress),
+        What::Merging => measure::merging::run(&gpu, effort, progress),
     })?;
     say(format_args!(
         "adapter {}, kernel times by {}; scale {}, medians of {}",

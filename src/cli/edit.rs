@@ -4,12 +4,12 @@ use std::path::Path;
 
 use anyhow::{Result, anyhow, ensure};
 use comfy_table::{Table, presets};
-use photogram::demo;
 use photogram::film::{self, Format};
 use photogram::gpu::{AdapterChoice, Gpu};
+use photogram::measure::demo;
 use photogram::measure::{self, Measured, Mismatches};
-use photogram::render::Split;
 use photogram::scene::{Method, Scene, Spatial};
+use photogram::split::Split;
 
 use super::{
     align_right, check_places, failed, make_folder, notes, say, warnings, with_progress, write_json,
@@ -43,7 +43,7 @@ pub fn run_edit(adapter: &AdapterChoice, args: &EditArgs) -> Result<()> {
             _ => anyhow!("after edit `{edit}`: {e}"),
         })?;
     }
-    let gpu = Gpu::open(adapter)?;
+    let gpu = photogram::open(adapter)?;
     let mut frame = with_progress(|progress| {
         let mut frame = measure::fresh(&gpu, &scenes[0], &volume)?;
         frame.rebuild(&gpu, &Split::default(), progress)?;
@@ -190,7 +190,7 @@ fn edit_json(gpu: &Gpu, name: &str, m: &Measured) -> serde_json::Value {
 
 pub fn run_demo(adapter: &AdapterChoice, out: &Path, json: Option<&Path>) -> Result<()> {
     check_places(&[Some(&out.join("before.png")), json], &[])?;
-    let gpu = Gpu::open(adapter)?;
+    let gpu = photogram::open(adapter)?;
     say(format_args!("adapter: {} ({})", gpu.report().name, gpu.report().kind))?;
     let shots = with_progress(|progress| demo::run(&gpu, progress))?;
     for shot in &shots {

@@ -12,7 +12,7 @@ use anyhow::{Result, ensure};
 use comfy_table::{CellAlignment, Table};
 use photogram::files;
 use photogram::film::Notes;
-use photogram::render::Progress;
+use photogram::gpu::Progress;
 use photogram::scene::{Method, Scene};
 
 pub fn align_right(table: &mut Table) {

@@ -5,8 +5,9 @@ use std::fmt::Write as _;
 use anyhow::Result;
 use comfy_table::{Table, presets};
 use photogram::film::Format;
-use photogram::gpu::{AdapterChoice, Gpu};
-use photogram::render::{Rendered, Split, render};
+use photogram::gpu::AdapterChoice;
+use photogram::render::{Rendered, render};
+use photogram::split::Split;
 
 use super::{
     align_right, check_places, make_folder, notes, say, warnings, with_progress, write_json,
@@ -26,7 +27,7 @@ pub fn run_render(adapter: &AdapterChoice, args: &RenderArgs) -> Result<()> {
         scene = scene.edited(edit)?;
     }
     scene.check_against(&volume)?;
-    let gpu = Gpu::open(adapter)?;
+    let gpu = photogram::open(adapter)?;
     let rendered =
         with_progress(|progress| render(&gpu, &scene, &volume, &Split::default(), progress))?;
     let report = &rendered.report;

@@ -9,75 +9,24 @@ use std::collections::BTreeMap;
 use std::num::NonZero;
 use std::sync::Arc;
 
-use include_dir::{Dir, include_dir};
+use include_dir::Dir;
 use wesl::syntax::{ModulePath, PathOrigin};
 use wesl::{CompileOptions, Feature, Features, ManglerKind, VirtualResolver, Wesl};
 use wgpu::naga;
 
-use super::{GROUP, Gpu, SOFTWARE, lock};
+use super::{Gpu, SOFTWARE, lock};
 use crate::error::{Error, Result};
 
-static SOURCES: Dir = include_dir!("$CARGO_MANIFEST_DIR/kernels");
-
-/// Every kernel with the flags that specialise it. A flag missing here does not exist.
-pub const KERNELS: &[(&str, &[&str])] = &[
-    ("scan_blocks", &[]),
-    ("scan_sums", &[]),
-    (
-        "trace",
-        &["nearest", "squares", "float_voxels", "anisotropic", "history", "skip", "listed_bins"],
-    ),
-    ("layers", &[]),
-    ("photon_query", &["points"]),
-    ("list_sums", &[]),
-    ("list_rank", &[]),
-    ("list", &[]),
-    ("fill", &[]),
-    ("journal", &[]),
-    ("weigh", &[]),
-    ("weighed", &["points"]),
-    ("compare", &["points"]),
-    ("chosen", &[]),
-    ("deposit", &[]),
-    ("resolve", &[]),
-    ("dirty_vacant", &[]),
-    ("points_mark", &[]),
-    ("points_keep", &[]),
-    ("points_key", &[]),
-    ("points_merge", &[]),
-    ("points_shift", &[]),
-    ("points_rows", &[]),
-    ("points_mean", &["nearest", "squares", "float_voxels", "history", "listed_bins"]),
-    ("points_query", &[]),
-    ("points_record", &["even", "anisotropic"]),
-    ("points_dirty", &[]),
-    ("points_count", &[]),
-    ("points_take", &[]),
-    ("points_arrange", &[]),
-    ("points_origins", &["even"]),
-    (
-        "segment",
-        &[
-            "fluence",
-            "even",
-            "anisotropic",
-            "nearest",
-            "squares",
-            "float_voxels",
-            "emission",
-            "history",
-            "skip",
-            "listed_bins",
-        ],
-    ),
-    ("segment_query", &[]),
-    ("composite", &["points"]),
-    ("reference", &["nearest", "squares", "float_voxels", "anisotropic", "emission"]),
-    (
-        "probe",
-        &["nearest", "squares", "float_voxels", "anisotropic", "history", "skip", "listed_bins"],
-    ),
-];
+/// All kernels of a program: what a device can be asked to run.
+#[derive(Clone, Copy)]
+pub struct Library {
+    /// The folder of WGSL files: a kernel each, and `shared/` with what they import.
+    pub sources: &'static Dir<'static>,
+    /// Every kernel with the flags that specialise it. A flag missing here does not exist.
+    pub kernels: &'static [(&'static str, &'static [&'static str])],
+    /// Constants that host and kernels share: the module `constants`.
+    pub constants: &'static [(&'static str, u32)],
+}
 
 /// A compiled kernel.
 pub struct Kernel {
@@ -89,84 +38,53 @@ pub struct Kernel {
     pub(super) bindings: BTreeMap<String, u32>,
 }
 
-/// WGSL of a kernel with the given flags set.
-///
-/// # Errors
-/// The sources do not compose; a fault of this program, never of a user.
-pub fn compose(name: &str, flags: &[&str]) -> Result<String> {
-    let known = KERNELS.iter().find(|(kernel, _)| *kernel == name);
-    let known = known.ok_or_else(|| Error::device(name, "no such kernel is declared"))?.1;
-    if let Some(flag) = flags.iter().find(|flag| !known.contains(flag)) {
-        return Err(Error::device(name, format!("the flag `{flag}` is not declared")));
+impl Library {
+    /// WGSL of a kernel with the given flags set.
+    ///
+    /// # Errors
+    /// The sources do not compose; a fault of this program, never of a user.
+    pub fn compose(&self, name: &str, flags: &[&str]) -> Result<String> {
+        let mut compiler = Wesl::new("").set_custom_resolver(self.modules());
+        compiler.set_mangler(ManglerKind::None);
+        compiler.set_options(CompileOptions {
+            features: Features {
+                default: Feature::Error,
+                // An imported module may know flags that matter to other kernels only.
+                flags: self
+                    .kernels
+                    .iter()
+                    .flat_map(|(_, known)| *known)
+                    .map(|flag| (flag.to_string(), Feature::from(flags.contains(flag))))
+                    .collect(),
+            },
+            ..Default::default()
+        });
+        let root = ModulePath::new(PathOrigin::Absolute, vec![name.to_owned()]);
+        let composed = compiler.compile(&root).map_err(|e| Error::device(name, e.to_string()))?;
+        Ok(composed.to_string())
     }
-    compose_unchecked(name, flags)
-}
 
-/// [`compose`] without asking whether the kernel declares the flags: a test asks whether
-/// those that it does not declare make no difference.
-///
-/// # Errors
-/// As [`compose`].
-pub fn compose_unchecked(name: &str, flags: &[&str]) -> Result<String> {
-    let mut resolver = VirtualResolver::new();
-    for file in SOURCES.files().chain(SOURCES.get_dir("shared").into_iter().flat_map(Dir::files)) {
-        let components = file.path().with_extension("");
-        let components = components.iter().map(|c| c.to_string_lossy().into_owned()).collect();
-        let text = file.contents_utf8().unwrap_or_default();
-        resolver.add_module(ModulePath::new(PathOrigin::Absolute, components), text.into());
+    fn modules(&self) -> VirtualResolver<'static> {
+        let mut modules = VirtualResolver::new();
+        let shared = self.sources.get_dir("shared").into_iter().flat_map(Dir::files);
+        for file in self.sources.files().chain(shared) {
+            let components = file.path().with_extension("");
+            let components = components.iter().map(|c| c.to_string_lossy().into_owned()).collect();
+            let text = file.contents_utf8().unwrap_or_default();
+            modules.add_module(ModulePath::new(PathOrigin::Absolute, components), text.into());
+        }
+        let constants = ModulePath::new(PathOrigin::Absolute, vec!["constants".into()]);
+        let text =
+            self.constants.iter().map(|(name, value)| format!("const {name}: u32 = {value}u;\n"));
+        modules.add_module(constants, text.collect::<String>().into());
+        modules
     }
-    let constants = ModulePath::new(PathOrigin::Absolute, vec!["constants".into()]);
-    resolver.add_module(constants, constants_module().into());
-    let mut compiler = Wesl::new("").set_custom_resolver(resolver);
-    compiler.set_mangler(ManglerKind::None);
-    compiler.set_options(CompileOptions {
-        features: Features {
-            default: Feature::Error,
-            // An imported module may know flags that matter to other kernels only.
-            flags: KERNELS
-                .iter()
-                .flat_map(|(_, known)| *known)
-                .map(|flag| (flag.to_string(), Feature::from(flags.contains(flag))))
-                .collect(),
-        },
-        ..Default::default()
-    });
-    let root = ModulePath::new(PathOrigin::Absolute, vec![name.to_owned()]);
-    let composed = compiler.compile(&root).map_err(|e| Error::device(name, e.to_string()))?;
-    Ok(composed.to_string())
-}
 
-/// The names of the kernel files, as the folder has them.
-pub fn kernel_files() -> Vec<String> {
-    let stems = SOURCES.files().filter_map(|f| f.path().file_stem());
-    stems.map(|stem| stem.to_string_lossy().into_owned()).collect()
-}
-
-/// Constants that host and kernels share, as a WGSL module.
-fn constants_module() -> String {
-    let constants: &[(&str, u32)] = &[
-        ("GROUP", GROUP),
-        ("TABLE_ENTRIES", crate::transfer::TABLE_ENTRIES as u32),
-        ("MAX_LIGHTS", crate::light::MAX_LIGHTS as u32),
-        ("LIGHT_POINT", crate::light::LIGHT_POINT),
-        ("LIGHT_DIRECTIONAL", crate::light::LIGHT_DIRECTIONAL),
-        ("LIGHT_RECTANGLE", crate::light::LIGHT_RECTANGLE),
-        ("LIGHT_SURROUNDINGS", crate::light::LIGHT_SURROUNDINGS),
-        ("COUNTER_STRIPES", crate::counter::COUNTER_STRIPES),
-        ("LAYERS", crate::frame::LAYERS),
-        ("CHANGE_FALLEN", crate::query::CHANGE_FALLEN),
-        ("CHANGE_PHASE", crate::query::CHANGE_PHASE),
-        ("CHANGE_ALBEDO", crate::query::CHANGE_ALBEDO),
-        ("DIRTY_SPLIT", crate::dirty::DIRTY_SPLIT),
-        ("MEAN_BLOCK", crate::points::MEAN_BLOCK),
-        ("SPATIAL_AXES", crate::scene::Spatial::Axes as u32),
-        ("LIST_READ", crate::segment::LIST_READ),
-        ("LIST_LIT", crate::segment::LIST_LIT),
-        ("SEGMENTS_AT_ONCE", crate::segment::SEGMENTS_AT_ONCE),
-        ("CELL_EDGE", crate::volume::cells::CELL_EDGE),
-        ("SCAN_BLOCK", super::scan::SCAN_BLOCK),
-    ];
-    constants.iter().map(|(name, value)| format!("const {name}: u32 = {value}u;\n")).collect()
+    /// The names of the kernel files, as the folder has them.
+    pub fn files(&self) -> Vec<String> {
+        let stems = self.sources.files().filter_map(|f| f.path().file_stem());
+        stems.map(|stem| stem.to_string_lossy().into_owned()).collect()
+    }
 }
 
 /// Parses composed WGSL.
@@ -186,18 +104,21 @@ impl Gpu {
         if self.report().kind == SOFTWARE { cores() } else { 1 }
     }
 
-    /// The kernel with these flags set, compiled at the first call.
+    /// The kernel with those of the flags set that it declares, compiled at the first call.
     ///
     /// # Errors
     /// The sources do not compose or the device refuses them.
     pub fn kernel(&self, name: &'static str, flags: &[&'static str]) -> Result<Arc<Kernel>> {
+        let declared = self.library.kernels.iter().find(|(kernel, _)| *kernel == name);
+        let declared = declared.ok_or_else(|| Error::device(name, "no such kernel is declared"))?.1;
         let mut flags = flags.to_vec();
+        flags.retain(|flag| declared.contains(flag));
         flags.sort_unstable();
         let key = (name, flags);
         if let Some(kernel) = lock(&self.kernels).get(&key) {
             return Ok(kernel.clone());
         }
-        let source = compose(name, &key.1)?;
+        let source = self.library.compose(name, &key.1)?;
         let module = parse(name, &source)?;
         let bindings = module
             .global_variables

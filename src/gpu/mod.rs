@@ -4,11 +4,14 @@
 //! allocation is caught by handlers and comes back from the next call as an
 //! [`Error`] that names the stage; nothing panics.
 
+pub mod counter;
 pub mod kernel;
 pub mod layout;
+mod progress;
 mod recorder;
 pub mod run;
 pub mod scan;
+pub mod work;
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -19,7 +22,8 @@ use std::time::Duration;
 use wgpu::util::DeviceExt;
 
 use crate::error::{Error, Result};
-use kernel::Kernel;
+use kernel::{Kernel, Library};
+pub use progress::Progress;
 use recorder::Recorder;
 use run::{Clock, Timings};
 
@@ -94,6 +98,7 @@ pub struct Gpu {
     /// Nanoseconds per tick, where the device has timestamps.
     tick: Option<f32>,
     faults: Arc<Mutex<Vec<String>>>,
+    library: &'static Library,
     kernels: Mutex<HashMap<KernelKey, Arc<Kernel>>>,
     timings: Mutex<Timings>,
     clock: Mutex<Clock>,
@@ -165,11 +170,11 @@ pub fn adapters() -> Result<Vec<AdapterReport>> {
 }
 
 impl Gpu {
-    /// Opens the chosen adapter.
+    /// Opens the chosen adapter, to run the kernels of a library.
     ///
     /// # Errors
     /// No adapter, none of that name or index, or one below WebGPU's default limits.
-    pub fn open(choice: &AdapterChoice) -> Result<Self> {
+    pub fn open(choice: &AdapterChoice, library: &'static Library) -> Result<Self> {
         let adapters = found()?;
         let index = match choice {
             AdapterChoice::Best => {
@@ -209,11 +214,16 @@ impl Gpu {
         let (device, queue) = pollster::block_on(request).map_err(|e| Error::Adapter {
             what: format!("adapter {index} ({}) refuses WebGPU's default limits: {e}", report.name),
         })?;
-        Ok(Self::from_device(device, queue, report))
+        Ok(Self::from_device(device, queue, report, library))
     }
 
     /// Works on a device that somebody else opened (a viewer, say).
-    pub fn from_device(device: wgpu::Device, queue: wgpu::Queue, report: AdapterReport) -> Self {
+    pub fn from_device(
+        device: wgpu::Device,
+        queue: wgpu::Queue,
+        report: AdapterReport,
+        library: &'static Library,
+    ) -> Self {
         let faults = Arc::new(Mutex::new(Vec::new()));
         let (heard, lost) = (faults.clone(), faults.clone());
         device.on_uncaptured_error(Arc::new(move |e| lock(&heard).push(e.to_string())));
@@ -231,6 +241,7 @@ impl Gpu {
             queue,
             report,
             faults,
+            library,
             kernels: Mutex::default(),
             timings: Mutex::default(),
             clock: Mutex::default(),

@@ -8,14 +8,15 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use super::{Batch, PhotonMap, PhotonParams, SLOT_BYTES};
-use crate::counter::CounterBuffer;
+use crate::device_scene::DeviceScene;
 use crate::error::Result;
-use crate::frame::DeviceScene;
 use crate::gpu::Gpu;
+use crate::gpu::Progress;
+use crate::gpu::counter::CounterBuffer;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::run::{Bindings, Pace, Stage};
-use crate::render::{Progress, Split};
-use crate::work::WorkList;
+use crate::gpu::work::WorkList;
+use crate::split::Split;
 
 /// Slots of the journal, at most: 64 MiB.
 const SLOTS: u32 = 1 << 21;

@@ -13,22 +13,25 @@
 //! which the edit can have made a tentative collision real.
 
 mod journal;
+pub mod probe;
 
 use std::ops::Range;
 use std::sync::Arc;
 
 use self::journal::Journal;
-use crate::counter::CounterBuffer;
+use crate::bits::words;
+use crate::device_scene::DeviceScene;
+use crate::device_scene::lights::Lights;
 use crate::error::{Error, Result};
-use crate::frame::{DeviceScene, words};
 use crate::gpu::Gpu;
+use crate::gpu::Progress;
+use crate::gpu::counter::CounterBuffer;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
 use crate::gpu::run::{Bindings, Pace, Stage};
-use crate::light::Lights;
-use crate::render::{Progress, Split};
+use crate::gpu::work::{WorkList, fill, fill_first};
 use crate::scene::Settings;
-use crate::work::{WorkList, fill, fill_first};
+use crate::split::Split;
 
 /// Bytes of a photon slot.
 pub const SLOT_BYTES: u64 = 32;

@@ -2,20 +2,13 @@
 
 use std::collections::HashSet;
 
-use glam::DVec3;
-
 use super::VolumeSource;
-use super::{Camera, CameraPlace, FilmSettings, Light, LightKind, Material, Scene, Settings};
+use super::{Camera, CameraPlace, FilmSettings, Light, LightKind, Scene, Settings};
 use crate::error::{Error, Result};
+use crate::fault::{
+    Check, TINY, askew, count, direction, fault, finite, non_negative, positive, scalar,
+};
 use crate::volume::phantom::SIZES;
-
-/// An impossible value: the TOML key it belongs to, and what is wrong with it.
-pub(super) struct Fault {
-    pub key: &'static str,
-    pub what: String,
-}
-
-type Check = std::result::Result<(), Fault>;
 
 impl Scene {
     /// Checks a scene that was made or changed in code; the reader has checked its own.
@@ -63,18 +56,6 @@ impl VolumeSource {
                 count("size", size.into(), (*SIZES.start()).into(), (*SIZES.end()).into())
             }
         }
-    }
-}
-
-impl Material {
-    pub(super) fn check(&self) -> Check {
-        ramp("ramp", &self.ramp)?;
-        scalar("extinction", self.extinction, self.extinction >= 0.0, "it must be >= 0, per mm")?;
-        let fraction = (0.0..=1.0).contains(&self.scatter);
-        scalar("scatter", self.scatter, fraction, "it must be in [0, 1]")?;
-        unit_range("colour", self.colour)?;
-        non_negative("emission", self.emission)?;
-        scalar("phase_g", self.phase_g, self.phase_g.abs() < 1.0, "it must be in (-1, 1)")
     }
 }
 
@@ -198,85 +179,4 @@ impl FilmSettings {
         let stops = self.exposure.abs() <= 32.0;
         scalar("exposure", self.exposure, stops, "it must be in [-32, 32] stops")
     }
-}
-
-/// Below this a length is none, mm.
-const TINY: f64 = 1e-9;
-
-/// What is wrong with a number that no kernel can hold.
-const SINGLE: &str = "it is beyond single precision, 3.4e38";
-
-fn fault(key: &'static str, what: impl Into<String>) -> Check {
-    Err(Fault { key, what: what.into() })
-}
-
-fn scalar(key: &'static str, value: f64, possible: bool, rule: &str) -> Check {
-    match possible && value.is_finite() {
-        true if (value as f32).is_finite() => Ok(()),
-        true => fault(key, format!("`{key}` is {value}: {SINGLE}")),
-        false => fault(key, format!("`{key}` is {value}: {rule}")),
-    }
-}
-
-fn positive(key: &'static str, value: Option<f64>, unit: &str) -> Check {
-    value.map_or(Ok(()), |v| scalar(key, v, v > 0.0, &format!("it must be > 0, {unit}")))
-}
-
-fn count(key: &'static str, value: u64, least: u64, most: u64) -> Check {
-    match (least..=most).contains(&value) {
-        true => Ok(()),
-        false => fault(key, format!("`{key}` is {value}: it must be {least} to {most}")),
-    }
-}
-
-fn finite(key: &'static str, v: DVec3) -> Check {
-    vector(key, v, true, "it must be finite")
-}
-
-fn vector(key: &'static str, v: DVec3, possible: bool, rule: &str) -> Check {
-    match possible && v.is_finite() {
-        true if v.as_vec3().is_finite() => Ok(()),
-        true => fault(key, format!("`{key}` is {v}: {SINGLE}")),
-        false => fault(key, format!("`{key}` is {v}: {rule}")),
-    }
-}
-
-fn direction(key: &'static str, v: DVec3) -> Check {
-    vector(key, v, v.length() >= TINY, "it must have a length")
-}
-
-fn non_negative(key: &'static str, v: DVec3) -> Check {
-    vector(key, v, v.min_element() >= 0.0, "each channel must be >= 0")
-}
-
-pub(super) fn unit_range(key: &'static str, v: DVec3) -> Check {
-    let inside = v.min_element() >= 0.0 && v.max_element() <= 1.0;
-    vector(key, v, inside, "each channel must be in [0, 1]")
-}
-
-fn askew(key: &'static str, a: DVec3, b: DVec3, other: &str) -> Check {
-    match a.normalize().cross(b.normalize()).length() >= 1e-6 {
-        true => Ok(()),
-        false => fault(key, format!("`{key}` is {b}: it must not be parallel to {other}")),
-    }
-}
-
-fn ramp(key: &'static str, ramp: &[[f64; 2]]) -> Check {
-    let [first, .., last] = ramp else {
-        return fault(key, format!("`{key}` has {} points: it takes two or more", ramp.len()));
-    };
-    if let Some([v, w]) = ramp.iter().find(|[v, w]| !v.is_finite() || !(0.0..=1.0).contains(w)) {
-        return fault(key, format!("`{key}` has the point [{v}, {w}]: a weight is in [0, 1]"));
-    }
-    if let Some(pair) = ramp.windows(2).find(|p| p[0][0] > p[1][0]) {
-        let (a, b) = (pair[0][0], pair[1][0]);
-        return fault(key, format!("`{key}` descends from {a} to {b}: its values must ascend"));
-    }
-    if first[0] == last[0] {
-        return fault(
-            key,
-            format!("`{key}` covers the value {} alone: it must cover a range", first[0]),
-        );
-    }
-    Ok(())
 }

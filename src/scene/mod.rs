@@ -9,6 +9,7 @@
 //! Units: lengths in mm, extinction per mm, angles in degrees, radiance in
 //! W/(sr mm²), irradiance in W/mm², intensity in W/sr. Colours are linear RGB.
 
+mod camera;
 mod check;
 mod edit;
 mod place;
@@ -24,6 +25,8 @@ use glam::DVec3;
 use crate::error::{Error, Result};
 use crate::volume::phantom::Phantom;
 
+pub use crate::transfer::Material;
+pub use camera::{Camera, CameraPlace, Rays, View};
 pub use edit::{CameraChange, Changes, Edit, LightChange, MaterialChange};
 pub use read::preset;
 
@@ -111,35 +114,6 @@ pub enum VolumeSource {
     },
 }
 
-/// A named material over data values.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Material {
-    /// Unique in the scene.
-    pub name: String,
-    /// Piecewise-linear weight over data values: `[value, weight]`, weights in [0, 1],
-    /// values ascending, zero outside. Two equal values make a step, the later one
-    /// counting at the value itself; the last value is excluded. A window is
-    /// `[[lo, 1], [hi, 1]]`, half-open.
-    pub ramp: Vec<[f64; 2]>,
-    /// Where the weight is one, 1/mm; >= 0.
-    pub extinction: f64,
-    /// Share of the extinction that scatters, in [0, 1].
-    pub scatter: f64,
-    /// Linear RGB in [0, 1]; the albedo is `scatter * colour`.
-    pub colour: DVec3,
-    /// Emitted radiance per mm where the weight is one, >= 0; seen directly, it lights nothing.
-    pub emission: DVec3,
-    /// Henyey-Greenstein g in (-1, 1); 0 is isotropic, positive is forward.
-    pub phase_g: f64,
-}
-
-impl Material {
-    /// Albedo in [0, 1]: the scatter times the colour.
-    pub fn albedo(&self) -> DVec3 {
-        self.scatter * self.colour
-    }
-}
-
 /// A light. Its quota of photons depends on its `share` alone, never on its power.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Light {
@@ -200,79 +174,6 @@ pub enum LightKind {
         /// Edge length, in radii of the bounding sphere; > 0.
         size: f64,
     },
-}
-
-/// A pinhole camera. Pixels are square; image row 0 is the top and column 0 the left
-/// as the viewer sees them; a pixel is the mean over its square.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Camera {
-    /// Where it stands and looks.
-    pub place: CameraPlace,
-    /// Points upwards in the image; neither zero nor parallel to the view.
-    pub up: DVec3,
-    /// Horizontal field of view in degrees, in (0, 180).
-    pub fov_deg: f64,
-    /// Pixels, 1 to 16384.
-    pub width: u32,
-    /// Pixels, 1 to 16384.
-    pub height: u32,
-}
-
-/// Where a camera stands and looks.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum CameraPlace {
-    /// In world mm.
-    At {
-        /// The pinhole.
-        origin: DVec3,
-        /// Seen in the middle of the image; not the origin.
-        target: DVec3,
-    },
-    /// Looks at the volume's centre; [`Scene::place`] turns it into `At`.
-    Around {
-        /// Direction from the volume's centre towards the camera; any length but zero.
-        from: DVec3,
-        /// At 1 the bounding sphere just fits into the image, at 2 from half that distance; > 0.
-        zoom: f64,
-    },
-}
-
-/// The rays of a placed camera: through image point (x, y), in pixels from the top left
-/// corner, goes `forward + (2x/width - 1) right + (2y/height - 1) down`, not normalised.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct View {
-    /// The pinhole, mm.
-    pub origin: DVec3,
-    /// Unit vector to the middle of the image.
-    pub forward: DVec3,
-    /// From there to the middle of the right edge, at distance 1.
-    pub right: DVec3,
-    /// From there to the middle of the lower edge, at distance 1.
-    pub down: DVec3,
-}
-
-impl Camera {
-    /// The camera's rays in world space.
-    ///
-    /// # Errors
-    /// [`Error::Setting`] where the camera is not placed yet.
-    pub fn view(&self) -> Result<View> {
-        let CameraPlace::At { origin, target } = self.place else {
-            return Err(Error::setting(
-                "the camera is given relative to the volume: place the scene first",
-            ));
-        };
-        let forward = (target - origin).normalize();
-        // The world frame is right-handed, so this is the viewer's right.
-        let right = forward.cross(self.up).normalize();
-        let half = (self.fov_deg.to_radians() / 2.0).tan();
-        Ok(View {
-            origin,
-            forward,
-            right: right * half,
-            down: forward.cross(right) * half * f64::from(self.height) / f64::from(self.width),
-        })
-    }
 }
 
 /// How an image is computed.

@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use super::check::unit_range;
 use super::edit::{set, unknown};
 use super::toml_file::{Section, Source};
 use super::*;
-use crate::transfer::PRESETS;
+use crate::fault::unit_range;
+use crate::transfer::{Material, PRESETS};
 
 const CHANGE_KEYS: [&str; 9] =
     ["name", "window", "ramp", "extinction", "albedo", "scatter", "colour", "emission", "phase_g"];

@@ -6,8 +6,8 @@ use glam::DVec3;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::check::Fault;
 use crate::error::{Error, Result};
+use crate::fault::Fault;
 
 /// A file's text and where it stands.
 pub struct Source<'a> {

@@ -2,15 +2,16 @@
 //! touches.
 
 use super::{PhotonFrame, Scope, light_field, light_ids, not_isotropic};
+use crate::device_scene::lights::{Light, Lights};
 use crate::error::{Error, Result};
+use crate::field::LightField;
 use crate::gpu::Gpu;
-use crate::light::{Light, Lights};
-use crate::light_field::LightField;
+use crate::gpu::Progress;
+use crate::history::Query;
 use crate::photon::PhotonParams;
-use crate::query::Query;
-use crate::render::{Progress, Split};
 use crate::scene::{Estimator, Scene, Settings};
-use crate::segment::{SegmentMap, camera_params};
+use crate::segment::SegmentMap;
+use crate::split::Split;
 use crate::transfer::Table;
 
 impl PhotonFrame {
@@ -51,7 +52,7 @@ impl PhotonFrame {
             return Err(not_isotropic());
         }
         let lights = Lights::of(scene, &self.scene.local_from_world)?;
-        camera_params(&scene.camera, &self.scene.local_from_world)?;
+        scene.camera.rays(&self.scene.local_from_world)?;
         let result = self.apply(gpu, scene, (table, lights), split);
         if result.is_err() {
             (self.fresh, self.pending) = (true, true);

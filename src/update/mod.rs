@@ -11,19 +11,20 @@
 
 mod edit;
 
-use crate::counter::{CounterBuffer, Counters};
-use crate::dirty::Dirty;
+use crate::device_scene::DeviceScene;
 use crate::error::{Error, Result};
-use crate::fluence::Fluence;
-use crate::frame::DeviceScene;
+use crate::field::LightField;
+use crate::field::dirty::Dirty;
+use crate::field::fluence::Fluence;
+use crate::field::points::Points;
 use crate::gpu::Gpu;
-use crate::light_field::LightField;
+use crate::gpu::Progress;
+use crate::gpu::counter::{CounterBuffer, Counters};
+use crate::history::{CHANGE_EMISSION, CHANGE_FALLEN, CHANGE_RISEN, CHANGE_SCATTERING, Query};
 use crate::photon::{PhotonMap, PhotonParams};
-use crate::points::Points;
-use crate::query::{CHANGE_EMISSION, CHANGE_FALLEN, CHANGE_RISEN, CHANGE_SCATTERING, Query};
-use crate::render::{Progress, Split};
 use crate::scene::{Estimator, Scene, Settings, Spatial, Weighting};
 use crate::segment::{SegmentMap, SegmentStage};
+use crate::split::Split;
 
 /// What an edit can reach.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]

@@ -3,8 +3,8 @@
 use std::f64::consts::PI;
 
 use glam::{DMat3, DVec3, dvec3};
-use photogram::frame::DeviceScene;
-use photogram::probe::{ProbeParams, What, draw};
+use photogram::device_scene::DeviceScene;
+use photogram::photon::probe::{ProbeParams, What, draw};
 use photogram::scene::{LightKind, Scene};
 use photogram::volume::Volume;
 

@@ -10,16 +10,19 @@ use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use photogram::film::Image;
+use photogram::gpu::Progress;
 use photogram::gpu::{AdapterChoice, Gpu};
-use photogram::render::{Progress, Rendered, Split, render};
+use photogram::render::{Rendered, render};
 use photogram::scene::Scene;
+use photogram::split::Split;
 use photogram::volume::Volume;
 
 /// The adapter that all tests of a program share.
 pub fn gpu() -> &'static Gpu {
     static GPU: OnceLock<Gpu> = OnceLock::new();
     GPU.get_or_init(|| {
-        Gpu::open(&AdapterChoice::Best).unwrap_or_else(|e| panic!("no adapter to test on: {e}"))
+        photogram::open(&AdapterChoice::Best)
+            .unwrap_or_else(|e| panic!("no adapter to test on: {e}"))
     })
 }
 

@@ -1,13 +1,14 @@
 //! Everything that a frame holds, bit for bit.
 
 use super::gpu;
-use photogram::counter::Counters;
-use photogram::frame::DeviceScene;
+use photogram::device_scene::DeviceScene;
+use photogram::field::LightField;
 use photogram::gpu::Gpu;
-use photogram::light_field::LightField;
-use photogram::render::{Progress, Split};
+use photogram::gpu::Progress;
+use photogram::gpu::counter::Counters;
 use photogram::scene::Scene;
 use photogram::segment::Segment;
+use photogram::split::Split;
 use photogram::update::PhotonFrame;
 use photogram::volume::Volume;
 

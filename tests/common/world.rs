@@ -1,11 +1,12 @@
 //! A small world that edits are tried on.
 
 use glam::{DMat3, DVec3};
-use photogram::frame::DeviceScene;
-use photogram::render::{Progress, Split};
+use photogram::device_scene::DeviceScene;
+use photogram::gpu::Progress;
 use photogram::scene::{
     CameraPlace, Estimator, Filter, LightKind, Material, Scene, Spatial, Weighting,
 };
+use photogram::split::Split;
 use photogram::update::{PhotonFrame, Scope, Updated};
 use photogram::volume::Volume;
 

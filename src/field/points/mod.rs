@@ -1,0 +1,413 @@
+//! The `points` light field: photons side by side with those of the same cell of a grid
+//! whose edge is the gather radius, H(8).
+//!
+//! Only live slots enter, with what a gather needs of each. A table of buckets, each of 2^shift
+//! consecutive cells, says where to begin; it needs no probing, and its size is bounded however
+//! small the radius. One table has the points of all lights, as far as a binding holds them: a
+//! ray is marched once for each.
+//!
+//! An update leaves points in their order. Those that went are dropped, those that came join the
+//! others in their buckets. Whose light changed is known on the way (`changes`), so that segments
+//! take the old light out and add the new, and gather nothing else.
+
+mod changes;
+mod refresh;
+mod table;
+
+use std::sync::Arc;
+
+use crate::bits::words;
+use crate::device_scene::DeviceScene;
+use crate::error::{Error, Result};
+use crate::field::Run;
+use crate::gpu::Gpu;
+use crate::gpu::Progress;
+use crate::gpu::counter::CounterBuffer;
+use crate::gpu::kernel::Kernel;
+use crate::gpu::layout::shared_struct;
+use crate::gpu::run::{Pace, Stage};
+use crate::history::{CHANGE_FALLEN, CHANGE_RISEN, CHANGE_SCATTERING, Query};
+use crate::photon::PhotonMap;
+use crate::scene::{Settings, Weighting};
+use crate::split::Split;
+use changes::{Changes, Moved};
+use table::{Part, Table};
+
+/// Buckets of a table, at most: 32 MiB, and as much again for points that changed.
+const MAX_BUCKETS: u32 = 1 << 22;
+/// Points of which a work group finds means.
+pub const MEAN_BLOCK: u32 = 512;
+
+shared_struct! {
+    /// The geometry of the grid, as every kernel that touches it is told.
+    pub struct PointsParams {
+        /// Cells along each axis.
+        pub grid: [u32; 3],
+        /// Slots to look at, or points.
+        pub count: u32,
+        /// Gather radius and edge of a cell, mm.
+        pub radius: f32,
+        /// Cells in a bucket, as a power of two.
+        pub shift: u32,
+        /// Buckets in the table.
+        pub buckets: u32,
+        /// 1 / (4/3 pi r³).
+        pub kernel: f32,
+        /// 1 where segments have seen light of what is taken.
+        pub had: u32,
+        /// 1 where what is taken has light.
+        pub has: u32,
+        /// 1 where it is of all slots, or of all points; 0 where of those that moved, stay or are
+        /// listed.
+        pub all: u32,
+        /// 1 where nobody has seen these points.
+        pub fresh: u32,
+        /// Bins whose extinction changed since.
+        pub changed: [u32; 2],
+        /// The first of the points that are a batch's, where nobody has seen them; or of those
+        /// listed that are looked at.
+        pub first: u32,
+        /// The first of the table's slots that are a batch's.
+        pub first_slot: u32,
+        /// How many those are.
+        pub slots: u32,
+        /// Keeps the size a multiple of 16.
+        pub pad0: u32,
+        /// The same.
+        pub pad1: u32,
+        /// The same.
+        pub pad2: u32,
+    }
+}
+
+/// The points of a table, bucket by bucket.
+pub struct Contents {
+    /// Position, mm (three `f32`), and packed direction of each.
+    pub places: Vec<[u32; 4]>,
+    /// Contribution, 1/(mm³ sr), and g of each.
+    pub lights: Vec<[f32; 4]>,
+    /// The historygram of the values that the mean around each is of; none where none is kept.
+    pub mean_histories: Vec<u64>,
+    /// Where each bucket begins, and the last ends.
+    pub starts: Vec<u32>,
+}
+
+/// The points of all photons.
+pub struct Points {
+    /// Gather radius, mm.
+    pub radius: f32,
+    params: PointsParams,
+    /// What gathers are told of the grid.
+    field: wgpu::Buffer,
+    /// Whether fluence is blurred, not collision density.
+    pub even: bool,
+    tables: Vec<Table>,
+    /// What the last build changed.
+    moved: Vec<Moved>,
+    /// The points whose light changed since all segments were computed.
+    changes: Changes,
+    /// Points of tables with others that the last build did not find where they had been.
+    pub(crate) elsewhere: u64,
+    /// Means, lights and places that points were given since an edit or a rebuild began, beside
+    /// those of which the device knows how many ([`Counters::refreshed`](crate::gpu::counter::Counters)).
+    pub(crate) built: u64,
+    /// Means have histories.
+    history: bool,
+    /// Segments have not seen what an earlier build changed.
+    unsettled: bool,
+    /// No points, where a kernel wants some that it will not look at.
+    none: Part,
+    mark: Arc<Kernel>,
+    keep: Arc<Kernel>,
+    key: Arc<Kernel>,
+    merge: Arc<Kernel>,
+    shift: Arc<Kernel>,
+    mean: Arc<Kernel>,
+    query: Arc<Kernel>,
+    record: Arc<Kernel>,
+    dirty: Arc<Kernel>,
+    dirty_pace: Pace,
+    take: Arc<Kernel>,
+    tally: Arc<Kernel>,
+    rows: Arc<Kernel>,
+    arrange: Arc<Kernel>,
+    origins: Arc<Kernel>,
+}
+
+impl Points {
+    /// An empty field for a scene.
+    ///
+    /// # Errors
+    /// The radius is too small for the volume.
+    pub fn new(
+        gpu: &Gpu,
+        scene: &DeviceScene,
+        (settings, radius): (&Settings, f64),
+        split: &Split,
+    ) -> Result<Self> {
+        let grid = scene.frame.extent.map(|e| (f64::from(e) / radius).ceil().max(1.0));
+        let cells = grid.iter().product::<f64>();
+        if cells > f64::from(u32::MAX) {
+            return Err(Error::capacity(
+                "points",
+                format!(
+                    "a radius of {radius} mm makes {cells:.0} cells, more than 2^32: raise `radius`"
+                ),
+            ));
+        }
+        let cells = cells as u64;
+        let most = split.buckets.unwrap_or(MAX_BUCKETS).max(1);
+        let shift = cells.div_ceil(most.into()).next_power_of_two().ilog2();
+        let even = settings.weighting == Weighting::Even;
+        let params = PointsParams {
+            grid: grid.map(|n| n as u32),
+            count: 0,
+            radius: radius as f32,
+            shift,
+            buckets: cells.div_ceil(1 << shift) as u32,
+            kernel: (0.75 / (std::f64::consts::PI * radius.powi(3))) as f32,
+            ..Default::default()
+        };
+        Ok(Self {
+            even,
+            radius: radius as f32,
+            none: Part::new(gpu, 0, [even, settings.history])?,
+            field: gpu.upload("points field", &[params])?,
+            params,
+            tables: Vec::new(),
+            moved: Vec::new(),
+            changes: Changes::None,
+            elsewhere: 0,
+            built: 0,
+            history: settings.history,
+            unsettled: false,
+            mark: gpu.kernel("points_mark", &[])?,
+            keep: gpu.kernel("points_keep", &[])?,
+            key: gpu.kernel("points_key", &[])?,
+            merge: gpu.kernel("points_merge", &[])?,
+            shift: gpu.kernel("points_shift", &[])?,
+            mean: gpu.kernel(
+                "points_mean",
+                &scene.flags(&["nearest", "squares", "float_voxels", "history", "listed_bins"]),
+            )?,
+            query: gpu.kernel("points_query", &[])?,
+            record: record_kernel(gpu, scene, even)?,
+            dirty: gpu.kernel("points_dirty", &[])?,
+            dirty_pace: Pace::new(1 << 14),
+            take: gpu.kernel("points_take", &[])?,
+            rows: gpu.kernel("points_rows", &[])?,
+            tally: gpu.kernel("points_count", &[])?,
+            arrange: gpu.kernel("points_arrange", &[])?,
+            origins: gpu.kernel("points_origins", if even { &["even"] } else { &[] })?,
+        })
+    }
+
+    /// Takes the kernels that suit an edited scene.
+    ///
+    /// # Errors
+    /// The device refuses them.
+    pub fn respecialise(&mut self, gpu: &Gpu, scene: &DeviceScene) -> Result<()> {
+        self.record = record_kernel(gpu, scene, self.even)?;
+        Ok(())
+    }
+
+    /// Has the next build take all points anew.
+    pub fn forget(&mut self) {
+        self.tables.clear();
+        self.moved.clear();
+        self.unsettled = false;
+    }
+
+    /// Brings the points up to date: of batches that changed, or of all where the query has
+    /// what their light depends on.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn build(
+        &mut self,
+        gpu: &Gpu,
+        scene: &DeviceScene,
+        map: &mut PhotonMap,
+        (query, split, counters): (&Query, &Split, &CounterBuffer),
+        progress: &mut Progress,
+    ) -> Result<()> {
+        self.elsewhere = 0;
+        // Segments correct their sums by what one build changed, not by two.
+        self.changes = if self.unsettled { Changes::TooMany } else { Changes::None };
+        let reaches = |columns| query.changes.iter().any(|change| change & columns != 0);
+        let extinction = CHANGE_RISEN | CHANGE_FALLEN;
+        let all = reaches(CHANGE_SCATTERING) || self.even && reaches(extinction);
+        self.params.changed = words(query.mask(extinction, &scene.bins));
+        self.moved.clear();
+        let fit = (gpu.max_binding() / 16).min(u32::MAX.into()) as u32;
+        let most = split.table_slots.unwrap_or(fit);
+        let tables = self.with_all(gpu, map, most)?;
+        let total = tables.len() as u64;
+        for (i, table) in tables.into_iter().enumerate() {
+            let now = match all || !table.is_current(map) {
+                true => self.refreshed(gpu, scene, map, (table, all), (split, counters))?,
+                false => table,
+            };
+            self.tables.push(now);
+            progress.at("points", i as u64 + 1, total);
+        }
+        map.batches.iter_mut().try_for_each(|batch| batch.settle(gpu))?;
+        self.unsettled |= !self.moved.is_empty();
+        Ok(())
+    }
+
+    /// All tables, with those batches among their members that are new: in the first table that
+    /// has room, or in one of their own.
+    fn with_all(&mut self, gpu: &Gpu, map: &PhotonMap, most: u32) -> Result<Vec<Table>> {
+        let mut tables = std::mem::take(&mut self.tables);
+        tables.retain(|table| table.part.count > 0 || table.has_any(map));
+        for batch in &map.batches {
+            if tables.iter().any(|table| table.has(batch)) {
+                continue;
+            }
+            let slots = batch.photons * map.max_events;
+            if !tables.iter_mut().any(|table| table.admit(batch, slots, most)) {
+                let mut table = self.empty(gpu)?;
+                table.admit(batch, slots, slots);
+                tables.push(table);
+            }
+        }
+        if tables.is_empty() {
+            tables.push(self.empty(gpu)?);
+        }
+        Ok(tables)
+    }
+
+    fn empty(&self, gpu: &Gpu) -> Result<Table> {
+        let part = Part::new(gpu, 0, self.extras())?;
+        Ok(Table { members: Vec::new(), part, starts: self.starts(gpu)? })
+    }
+
+    /// Whether points have means, and those histories.
+    fn extras(&self) -> [bool; 2] {
+        [self.even, self.history]
+    }
+
+    /// Room for where each bucket begins, and the last ends, and for which rows around each cell
+    /// have points.
+    fn starts(&self, gpu: &Gpu) -> Result<wgpu::Buffer> {
+        gpu.buffer::<u32>("points starts", 2 * self.params.buckets as usize + 1)
+    }
+
+    /// Tells which rows around each cell have points, where each is a bucket.
+    fn tell_rows(&self, stage: &mut Stage, starts: &wgpu::Buffer) -> Result<()> {
+        if self.params.shift > 0 {
+            return Ok(());
+        }
+        let cells = self.params.buckets.into();
+        stage.dispatch(&self.rows, cells, &[("starts", starts.into())], &self.params)
+    }
+
+    fn params(&self, count: u32) -> PointsParams {
+        PointsParams { count, ..self.params }
+    }
+
+    /// Nobody asks what the last build changed.
+    pub fn ignore(&mut self) {
+        self.moved.clear();
+    }
+
+    /// All segments were computed from what there is.
+    pub fn settle(&mut self) {
+        self.changes = Changes::None;
+        self.unsettled = false;
+        self.moved.clear();
+    }
+
+    /// Points that a gather tests at a sample, if they are spread evenly.
+    pub(crate) fn tests_per_sample(&self) -> f64 {
+        let all = self.count() as f64;
+        let cells: f64 = self.params.grid.iter().map(|&n| f64::from(n)).product();
+        all * (27.0 / cells).min(1.0)
+    }
+
+    /// All points.
+    pub(crate) fn runs(&self) -> Vec<Run<'_>> {
+        self.tables.iter().map(|table| table.run(&self.field)).collect()
+    }
+
+    /// The points whose light changed since all segments were computed, with old and new light;
+    /// `None` where all points are to be gathered anew.
+    pub(crate) fn changes(&self) -> Option<Vec<Run<'_>>> {
+        match &self.changes {
+            Changes::None => Some(Vec::new()),
+            Changes::Listed(listed) => Some(vec![listed.run(&self.field)]),
+            Changes::TooMany => None,
+        }
+    }
+
+    /// How many points there are.
+    pub fn count(&self) -> u64 {
+        self.tables.iter().map(|table| u64::from(table.part.count)).sum()
+    }
+
+    /// How many tables there are.
+    pub fn tables(&self) -> usize {
+        self.tables.len()
+    }
+
+    /// What each table holds.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn read(&self, gpu: &Gpu) -> Result<Vec<Contents>> {
+        let contents = self.tables.iter().map(|Table { part, starts, .. }| {
+            let mut places = gpu.read::<[u32; 4]>("point places", &part.places)?;
+            let mut lights = gpu.read::<[f32; 4]>("point lights", &part.lights)?;
+            places.truncate(part.count as usize);
+            lights.truncate(part.count as usize);
+            let mut starts = gpu.read("points starts", starts)?;
+            starts.truncate(self.params.buckets as usize + 1);
+            let mut mean_histories = gpu.read("mean histories", &part.mean_histories)?;
+            mean_histories.truncate(if self.even && self.history { places.len() } else { 0 });
+            Ok(Contents { places, lights, mean_histories, starts })
+        });
+        contents.collect()
+    }
+
+    /// All points, place and light, in the order of their bits: that in which those of a bucket
+    /// come is left open.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn sorted(&self, gpu: &Gpu) -> Result<Vec<[u32; 8]>> {
+        let tables = self.read(gpu)?.into_iter();
+        let each = tables.flat_map(|table| table.places.into_iter().zip(table.lights));
+        let mut all: Vec<[u32; 8]> =
+            each.map(|(place, light)| bytemuck::cast([place, light.map(f32::to_bits)])).collect();
+        all.sort_unstable();
+        Ok(all)
+    }
+
+    /// Bytes that an update takes beside the points, at most: lists of slots, of points that are
+    /// kept and of those whose light changed, at 4.25 bytes an item; a bit for each slot; the light
+    /// that points had before; all of them anew, once as they come and once in their buckets, with
+    /// the places of both; or lights that changed, fewer than there are points, at 32 bytes each.
+    pub fn update_bytes(&self) -> u64 {
+        let slots: u64 = self.tables.iter().map(|table| u64::from(table.slots())).sum();
+        let points = self.count();
+        (17 * slots + 2 * 17 * points) / 4 + slots / 8 + (16 + 8) * points + 2 * self.bytes()
+    }
+
+    /// Bytes of the histories of means.
+    pub fn history_bytes(&self) -> u64 {
+        let all = self.tables.iter().map(|table| table.part.mean_histories.size());
+        if self.even && self.history { all.sum() } else { 0 }
+    }
+
+    /// Bytes of the points and their tables.
+    pub fn bytes(&self) -> u64 {
+        self.tables.iter().map(Table::bytes).sum()
+    }
+}
+
+fn record_kernel(gpu: &Gpu, scene: &DeviceScene, even: bool) -> Result<Arc<Kernel>> {
+    let mut flags = scene.flags(&["anisotropic"]);
+    flags.extend(even.then_some("even"));
+    gpu.kernel("points_record", &flags)
+}

@@ -1,0 +1,226 @@
+//! Work lists: the items that an update works on, compacted by a prefix sum.
+
+use std::sync::Arc;
+
+use crate::bits::hash;
+use crate::error::Result;
+use crate::gpu::kernel::Kernel;
+use crate::gpu::layout::shared_struct;
+use crate::gpu::run::{Resource, Stage};
+use crate::gpu::scan::{SCAN_BLOCK, Scanner};
+use crate::gpu::{GROUP, Gpu, Words};
+
+shared_struct! {
+    /// What the compaction kernel is told.
+    pub struct ListParams {
+        /// Items that may be marked.
+        pub count: u32,
+        /// Blocks of words of marks.
+        pub blocks: u32,
+    }
+}
+
+shared_struct! {
+    /// What the fill kernel is told.
+    pub struct FillParams {
+        /// The pattern's first four words.
+        pub low: [u32; 4],
+        /// The pattern's other words.
+        pub high: [u32; 4],
+        /// Words of the pattern.
+        pub period: u32,
+        /// Words to fill.
+        pub count: u32,
+        /// Added to a word for each before it.
+        pub rise: u32,
+        /// Keeps the size a multiple of 16.
+        pub pad: u32,
+    }
+}
+
+/// Some of `capacity` items, each once.
+pub struct WorkList {
+    /// The listed items: the first `count` words.
+    pub items: wgpu::Buffer,
+    /// A bit for each item: whether it is to be listed.
+    pub marks: wgpu::Buffer,
+    /// How many are listed.
+    pub count: u32,
+    capacity: u32,
+    /// How many are marked in the blocks before each, and in all.
+    sums: wgpu::Buffer,
+    scanner: Scanner,
+    total: Arc<Kernel>,
+    rank: Arc<Kernel>,
+    list: Arc<Kernel>,
+    fill: Arc<Kernel>,
+}
+
+impl WorkList {
+    /// An empty list.
+    ///
+    /// # Errors
+    /// The device refuses the memory.
+    pub fn new(gpu: &Gpu, capacity: u32) -> Result<Self> {
+        let words = capacity.div_ceil(32);
+        let blocks = words.div_ceil(SCAN_BLOCK);
+        Ok(Self {
+            items: gpu.buffer::<u32>("work list", capacity as usize)?,
+            marks: gpu.buffer::<u32>("work list marks", words as usize)?,
+            count: 0,
+            capacity,
+            sums: gpu.buffer::<u32>("work list sums", blocks as usize + 1)?,
+            scanner: Scanner::new(gpu, blocks + 1)?,
+            total: gpu.kernel("list_sums", &[])?,
+            rank: gpu.kernel("list_rank", &[])?,
+            list: gpu.kernel("list", &[])?,
+            fill: gpu.kernel("fill", &[])?,
+        })
+    }
+
+    /// Lists all items, as the end of a stage; `shuffle` puts them in another order.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn fill(&mut self, mut stage: Stage, shuffle: Option<u64>) -> Result<()> {
+        self.count = self.capacity;
+        if shuffle.is_some() {
+            stage.gpu().write(&self.items, &shuffled((0..self.capacity).collect(), shuffle));
+        } else {
+            let params =
+                FillParams { period: 1, count: self.capacity, rise: 1, ..Default::default() };
+            let data = [("data", (&self.items).into())];
+            stage.dispatch(&self.fill, self.capacity.into(), &data, &params)?;
+        }
+        stage.finish()
+    }
+
+    /// Marks no item.
+    pub fn unmark(&self, stage: &mut Stage) {
+        stage.clear(&self.marks);
+    }
+
+    fn params(&self) -> ListParams {
+        let blocks = self.capacity.div_ceil(32).div_ceil(SCAN_BLOCK);
+        ListParams { count: self.capacity, blocks }
+    }
+
+    /// Where the device has how many are listed.
+    pub fn length(&self) -> Words<'_> {
+        let blocks = u64::from(self.params().blocks);
+        (&self.sums, blocks..blocks + 1)
+    }
+
+    /// Reads how many items lists have that were recorded.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn learn(gpu: &Gpu, lists: &mut [&mut Self]) -> Result<()> {
+        if lists.is_empty() {
+            return Ok(());
+        }
+        let parts = lists.iter().map(|list| list.length()).collect::<Vec<_>>();
+        let counts = gpu.read_words("list", &parts)?;
+        lists.iter_mut().zip(counts).for_each(|(list, count)| list.count = count);
+        Ok(())
+    }
+
+    /// Room for the ranks of its words of marks.
+    ///
+    /// # Errors
+    /// The device refuses the memory.
+    pub fn ranks(&self, gpu: &Gpu) -> Result<wgpu::Buffer> {
+        gpu.buffer::<u32>("work list ranks", self.capacity.div_ceil(32) as usize)
+    }
+
+    /// Ranks its words of marks: how many items are marked in those before each.
+    ///
+    /// # Errors
+    /// The device refuses.
+    pub fn rank(&self, stage: &mut Stage, ranks: &wgpu::Buffer) -> Result<()> {
+        self.compact(stage, &self.rank, ("ranks", ranks.into()))
+    }
+
+    /// Lists the marked items, in their order, as the end of the stage that marks them. How many
+    /// they are is to be learned yet.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn record(&self, mut stage: Stage) -> Result<()> {
+        self.compact(&mut stage, &self.list, ("work", (&self.items).into()))?;
+        stage.finish()
+    }
+
+    /// Sums the blocks of marks up, and runs a kernel that wants that.
+    fn compact(
+        &self,
+        stage: &mut Stage,
+        kernel: &Kernel,
+        to: (&'static str, Resource),
+    ) -> Result<()> {
+        let params = self.params();
+        let bindings = [("marks", (&self.marks).into()), ("sums", (&self.sums).into()), to];
+        let threads = u64::from(params.blocks) * u64::from(GROUP);
+        stage.dispatch(&self.total, threads, &bindings, &params)?;
+        self.scanner.record(stage, &self.sums, params.blocks + 1)?;
+        stage.dispatch(kernel, threads, &bindings, &params)
+    }
+
+    /// Puts the items in another order, if there is a seed for it.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn shuffle(&self, gpu: &Gpu, seed: Option<u64>) -> Result<()> {
+        if seed.is_some() {
+            let mut items = gpu.read::<u32>("list", &self.items)?;
+            items.truncate(self.count as usize);
+            gpu.write(&self.items, &shuffled(items, seed));
+        }
+        Ok(())
+    }
+
+    /// Bytes of items, marks and sums.
+    pub fn bytes(&self) -> u64 {
+        self.items.size() + self.marks.size() + self.sums.size()
+    }
+}
+
+fn shuffled(mut items: Vec<u32>, seed: Option<u64>) -> Vec<u32> {
+    if let Some(seed) = seed {
+        for i in (1..items.len()).rev() {
+            let other = hash(seed ^ (i as u64) << 20) as usize % (i + 1);
+            items.swap(i, other);
+        }
+    }
+    items
+}
+
+/// Fills a buffer of words with a repeating pattern of at most eight.
+///
+/// # Errors
+/// The device failed.
+pub fn fill(gpu: &Gpu, stage: &'static str, buffer: &wgpu::Buffer, pattern: &[u32]) -> Result<()> {
+    fill_first(gpu, stage, (buffer, (buffer.size() / 4) as u32), pattern)
+}
+
+/// Fills the first `count` words of a buffer with a repeating pattern of at most eight.
+///
+/// # Errors
+/// The device failed.
+pub fn fill_first(
+    gpu: &Gpu,
+    stage: &'static str,
+    (buffer, count): (&wgpu::Buffer, u32),
+    pattern: &[u32],
+) -> Result<()> {
+    let mut words = [0; 8];
+    words[..pattern.len()].copy_from_slice(pattern);
+    let [a, b, c, d, e, f, g, h] = words;
+    let period = pattern.len() as u32;
+    let params =
+        FillParams { low: [a, b, c, d], high: [e, f, g, h], period, count, ..Default::default() };
+    let kernel = gpu.kernel("fill", &[])?;
+    let mut stage = gpu.stage(stage);
+    stage.dispatch(&kernel, count.into(), &[("data", buffer.into())], &params)?;
+    stage.finish()
+}

@@ -1,0 +1,105 @@
+//! The kernels: WGSL files under `kernels/`, the flags that specialise each, and the constants that
+//! they share with the rooms that own them. It stands above all stages; they know a kernel by name.
+
+use include_dir::{Dir, include_dir};
+
+use crate::device_scene::lights;
+use crate::error::Result;
+use crate::gpu::kernel::Library;
+use crate::gpu::{AdapterChoice, Gpu};
+use crate::{field, gpu, history, scene, segment, transfer, volume};
+
+static SOURCES: Dir = include_dir!("$CARGO_MANIFEST_DIR/kernels");
+
+/// Opens the chosen adapter, with all kernels at hand.
+///
+/// # Errors
+/// As [`Gpu::open`].
+pub fn open(choice: &AdapterChoice) -> Result<Gpu> {
+    Gpu::open(choice, &LIBRARY)
+}
+
+/// All kernels.
+pub static LIBRARY: Library = Library { sources: &SOURCES, kernels: KERNELS, constants: CONSTANTS };
+
+const CONSTANTS: &[(&str, u32)] = &[
+    ("GROUP", gpu::GROUP),
+    ("SCAN_BLOCK", gpu::scan::SCAN_BLOCK),
+    ("COUNTER_STRIPES", gpu::counter::COUNTER_STRIPES),
+    ("CELL_EDGE", volume::cells::CELL_EDGE),
+    ("TABLE_ENTRIES", transfer::TABLE_ENTRIES as u32),
+    ("SPATIAL_AXES", scene::Spatial::Axes as u32),
+    ("LAYERS", history::LAYERS),
+    ("CHANGE_FALLEN", history::CHANGE_FALLEN),
+    ("CHANGE_PHASE", history::CHANGE_PHASE),
+    ("CHANGE_ALBEDO", history::CHANGE_ALBEDO),
+    ("MAX_LIGHTS", lights::MAX_LIGHTS as u32),
+    ("LIGHT_POINT", lights::LIGHT_POINT),
+    ("LIGHT_DIRECTIONAL", lights::LIGHT_DIRECTIONAL),
+    ("LIGHT_RECTANGLE", lights::LIGHT_RECTANGLE),
+    ("LIGHT_SURROUNDINGS", lights::LIGHT_SURROUNDINGS),
+    ("DIRTY_SPLIT", field::dirty::DIRTY_SPLIT),
+    ("MEAN_BLOCK", field::points::MEAN_BLOCK),
+    ("LIST_READ", segment::LIST_READ),
+    ("LIST_LIT", segment::LIST_LIT),
+    ("SEGMENTS_AT_ONCE", segment::SEGMENTS_AT_ONCE),
+];
+
+const KERNELS: &[(&str, &[&str])] = &[
+    ("scan_blocks", &[]),
+    ("scan_sums", &[]),
+    (
+        "trace",
+        &["nearest", "squares", "float_voxels", "anisotropic", "history", "skip", "listed_bins"],
+    ),
+    ("layers", &[]),
+    ("photon_query", &["points"]),
+    ("list_sums", &[]),
+    ("list_rank", &[]),
+    ("list", &[]),
+    ("fill", &[]),
+    ("journal", &[]),
+    ("weigh", &[]),
+    ("weighed", &["points"]),
+    ("compare", &["points"]),
+    ("chosen", &[]),
+    ("deposit", &[]),
+    ("resolve", &[]),
+    ("dirty_vacant", &[]),
+    ("points_mark", &[]),
+    ("points_keep", &[]),
+    ("points_key", &[]),
+    ("points_merge", &[]),
+    ("points_shift", &[]),
+    ("points_rows", &[]),
+    ("points_mean", &["nearest", "squares", "float_voxels", "history", "listed_bins"]),
+    ("points_query", &[]),
+    ("points_record", &["even", "anisotropic"]),
+    ("points_dirty", &[]),
+    ("points_count", &[]),
+    ("points_take", &[]),
+    ("points_arrange", &[]),
+    ("points_origins", &["even"]),
+    (
+        "segment",
+        &[
+            "fluence",
+            "even",
+            "anisotropic",
+            "nearest",
+            "squares",
+            "float_voxels",
+            "emission",
+            "history",
+            "skip",
+            "listed_bins",
+        ],
+    ),
+    ("segment_query", &[]),
+    ("composite", &["points"]),
+    ("reference", &["nearest", "squares", "float_voxels", "anisotropic", "emission"]),
+    (
+        "probe",
+        &["nearest", "squares", "float_voxels", "anisotropic", "history", "skip", "listed_bins"],
+    ),
+];

@@ -1,0 +1,229 @@
+//! Edits measured: each applied as an update, beside full rebuilds of the edited scene.
+
+use std::time::Instant;
+
+use crate::device_scene::DeviceScene;
+use crate::error::Result;
+use crate::field::LightField;
+use crate::film::Image;
+use crate::gpu::Gpu;
+use crate::gpu::Progress;
+use crate::gpu::counter::Counters;
+use crate::gpu::run::{Timing, milliseconds};
+use crate::scene::Scene;
+use crate::segment::Segment;
+use crate::split::Split;
+use crate::update::{Phases, PhotonFrame, Scope, Updated};
+use crate::volume::Volume;
+
+/// Time by stage.
+#[derive(Clone, Debug, Default, serde::Serialize)]
+pub struct Cost {
+    /// Time in each kernel.
+    pub stages: Vec<Timing>,
+    /// Wall-clock time, ms.
+    pub total: f64,
+    /// How often the host waited for the device.
+    pub waits: u64,
+    /// The stages' times, summed by phase.
+    #[serde(skip)]
+    pub phases: Phases,
+}
+
+impl Cost {
+    /// Time in all kernels, ms.
+    pub fn kernels(&self) -> f64 {
+        self.phases.photons + self.phases.light_field + self.phases.segments
+    }
+
+    /// Time in some kernels, ms.
+    pub fn in_kernels(&self, names: &[&str]) -> f64 {
+        self.stages.iter().filter(|row| names.contains(&row.stage)).map(|row| row.ms).sum()
+    }
+}
+
+/// What an update left that a rebuild would not have: all zero, or a bug.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Mismatches {
+    /// Photon slots that differ, histories aside.
+    pub photon_mismatches: u64,
+    /// Cells of the fluence, or points, that differ.
+    pub field_mismatches: u64,
+    /// Segments that differ, histories aside.
+    pub segment_mismatches: u64,
+    /// Pixels that differ.
+    pub pixel_mismatches: u64,
+}
+
+impl Mismatches {
+    /// All together.
+    pub fn all(&self) -> u64 {
+        self.of_light() + self.segment_mismatches + self.pixel_mismatches
+    }
+
+    /// Those of photons and of the light field, of which no setting leaves any.
+    pub fn of_light(&self) -> u64 {
+        self.photon_mismatches + self.field_mismatches
+    }
+}
+
+/// One edit, as an update and as a full rebuild.
+#[derive(Clone, Debug)]
+pub struct Measured {
+    /// What the edit could reach.
+    pub scope: Scope,
+    /// What the update did.
+    pub updated: Updated,
+    /// What the full rebuild counted.
+    pub full_counts: Counters,
+    /// Table entries whose extinction the majorant clamps.
+    pub entries_clamped: usize,
+    /// The fastest full rebuild: no histories, no lists, no comparing.
+    pub full: Cost,
+    /// Edit and update.
+    pub incremental: Cost,
+    /// Against a rebuild by the same kernels, where that was asked for.
+    pub mismatches: Option<Mismatches>,
+}
+
+/// Applies an edited scene to a frame, and measures that against full rebuilds.
+///
+/// # Errors
+/// The edit does not suit the frame; memory does not suffice; the device failed.
+pub fn measure(
+    gpu: &Gpu,
+    frame: &mut PhotonFrame,
+    scene: &Scene,
+    volume: &Volume,
+    verify: bool,
+    progress: &mut Progress,
+) -> Result<Measured> {
+    let (scope, updated, incremental) = update(gpu, frame, scene, progress)?;
+    let mut plain = scene.clone();
+    plain.settings.history = false;
+    let mut fastest = fresh(gpu, &plain, volume)?;
+    // A driver may compile a kernel when it first runs, and how long slices take is to be learned.
+    rebuild(gpu, &mut fastest, progress)?;
+    let (rebuilt, full) = rebuild(gpu, &mut fastest, progress)?;
+    drop(fastest);
+
+    let mismatches = match verify {
+        false => None,
+        true => {
+            let mut rebuilt = fresh(gpu, scene, volume)?;
+            rebuilt.rebuild(gpu, &Split::default(), progress)?;
+            Some(compare(gpu, frame, &rebuilt)?)
+        }
+    };
+    let (full_counts, entries_clamped) = (rebuilt.counts, frame.scene.table.clamped);
+    Ok(Measured { scope, updated, full_counts, entries_clamped, full, incremental, mismatches })
+}
+
+/// Applies an edited scene to a frame.
+///
+/// # Errors
+/// The edit does not suit the frame; the device failed.
+pub fn update(
+    gpu: &Gpu,
+    frame: &mut PhotonFrame,
+    scene: &Scene,
+    progress: &mut Progress,
+) -> Result<(Scope, Updated, Cost)> {
+    gpu.take_timings()?;
+    let begun = (Instant::now(), gpu.waits());
+    let scope = frame.edit(gpu, scene, &Split::default())?;
+    let updated = frame.update(gpu, &Split::default(), progress)?;
+    Ok((scope, updated, cost(gpu, begun)?))
+}
+
+/// Rebuilds a frame, its memory and kernels being there before the clock runs.
+///
+/// # Errors
+/// The device failed.
+pub fn rebuild(
+    gpu: &Gpu,
+    frame: &mut PhotonFrame,
+    progress: &mut Progress,
+) -> Result<(Updated, Cost)> {
+    gpu.take_timings()?;
+    let begun = (Instant::now(), gpu.waits());
+    let rebuilt = frame.rebuild(gpu, &Split::default(), progress)?;
+    let cost = cost(gpu, begun)?;
+    Ok((rebuilt, cost))
+}
+
+/// A frame with one ray a pixel, of which nothing is computed yet.
+///
+/// # Errors
+/// Memory does not suffice.
+pub fn fresh(gpu: &Gpu, scene: &Scene, volume: &Volume) -> Result<PhotonFrame> {
+    let device = DeviceScene::new(gpu, scene, volume)?;
+    PhotonFrame::new(gpu, scene, device, 1, &Split::default())
+}
+
+fn cost(gpu: &Gpu, (begun, waits): (Instant, u64)) -> Result<Cost> {
+    gpu.wait("measure")?;
+    let (total, waits) = (milliseconds(begun.elapsed()), gpu.waits() - waits);
+    let phases = Phases::of_last(gpu)?;
+    Ok(Cost { stages: gpu.take_timings()?.rows().to_vec(), total, waits, phases })
+}
+
+/// What differs between two frames of the same scene.
+///
+/// # Errors
+/// The device failed.
+pub fn compare(gpu: &Gpu, one: &PhotonFrame, other: &PhotonFrame) -> Result<Mismatches> {
+    let mut found = Mismatches::default();
+    found.photon_mismatches += one.map.batches.len().abs_diff(other.map.batches.len()) as u64;
+    for (a, b) in one.map.batches.iter().zip(&other.map.batches) {
+        let read = |buffer| gpu.read::<[u32; 4]>("verify", buffer);
+        let (p, q) = (read(&a.places)?, read(&b.places)?);
+        let (s, t) = (read(&a.states)?, read(&b.states)?);
+        let same = |i: usize| p[i] == q[i] && s[i][..2] == t[i][..2];
+        found.photon_mismatches += p.len().abs_diff(q.len()) as u64;
+        found.photon_mismatches += (0..p.len().min(q.len())).filter(|&i| !same(i)).count() as u64;
+    }
+    found.field_mismatches = match (&one.field, &other.field) {
+        (LightField::Fluence(a), LightField::Fluence(b)) => {
+            let ([a, b, c], [d, e, f]) = (a.read(gpu)?, b.read(gpu)?);
+            differing(&a, &d).max(differing(&b, &e)).max(differing(&c, &f))
+        }
+        (LightField::Points(a), LightField::Points(b)) => {
+            let (a, b) = (a.sorted(gpu)?, b.sorted(gpu)?);
+            (a.len().max(b.len()) - in_both(&a, &b)) as u64
+        }
+        _ => u64::MAX,
+    };
+    let segments = |frame: &PhotonFrame| -> Result<Vec<Segment>> {
+        let mut all = frame.segments.read(gpu)?;
+        all.iter_mut().for_each(|s| s[4..6].fill(0));
+        Ok(all)
+    };
+    found.segment_mismatches = differing(&segments(one)?, &segments(other)?);
+    found.pixel_mismatches =
+        differing_pixels(&one.segments.image(gpu)?, &other.segments.image(gpu)?);
+    Ok(found)
+}
+
+/// How many pixels of two images differ in any bit.
+pub fn differing_pixels(one: &Image, other: &Image) -> u64 {
+    let bits = |image: &Image| image.rgb.iter().map(|p| p.map(f32::to_bits)).collect::<Vec<_>>();
+    differing(&bits(one), &bits(other))
+}
+
+/// How many items of two sorted lists are in both.
+fn in_both<T: Ord>(one: &[T], other: &[T]) -> usize {
+    let (mut a, mut b, mut both) = (0, 0, 0);
+    while a < one.len() && b < other.len() {
+        let order = one[a].cmp(&other[b]);
+        both += usize::from(order.is_eq());
+        a += usize::from(order.is_le());
+        b += usize::from(order.is_ge());
+    }
+    both
+}
+
+fn differing<T: PartialEq>(one: &[T], other: &[T]) -> u64 {
+    let pairs = one.iter().zip(other).filter(|(a, b)| a != b).count();
+    (pairs + one.len().abs_diff(other.len())) as u64
+}
