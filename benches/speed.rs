@@ -217,7 +217,7 @@ fn edit_to_error(gpu: &Gpu, most: u64) -> anyhow::Result<serde_json::Value> {
                 let edited = Scene { settings: s.clone(), ..after.clone() };
                 let mut frame = measure::fresh(gpu, &scene, &volume)?;
                 frame.rebuild(gpu, &Split::default(), silent)?;
-                let (_, _, update) = measure::update(gpu, &mut frame, &edited, silent)?;
+                let update = measure::update(gpu, &mut frame, &edited, silent)?.cost;
                 if best.is_some_and(|b| b.0 <= update.total) {
                     break;
                 }
@@ -226,10 +226,10 @@ fn edit_to_error(gpu: &Gpu, most: u64) -> anyhow::Result<serde_json::Value> {
                     let (mut updates, mut rebuilds) = (vec![update.total], Vec::new());
                     for _ in 1..RUNS {
                         measure::update(gpu, &mut frame, &scene, silent)?;
-                        updates.push(measure::update(gpu, &mut frame, &edited, silent)?.2.total);
+                        updates.push(measure::update(gpu, &mut frame, &edited, silent)?.cost.total);
                     }
                     for _ in 0..RUNS {
-                        rebuilds.push(measure::rebuild(gpu, &mut frame, silent)?.1.total);
+                        rebuilds.push(measure::rebuild(gpu, &mut frame, silent)?.cost.total);
                     }
                     let time = median(updates);
                     if best.is_none_or(|b| time < b.0) {

@@ -1,5 +1,5 @@
-// The first slots that changed of the photons of a part that did, side by side: the photon's
-// place in the part times `max_events`, plus the event. A thread for each word of marks;
+// The photons of a part that changed, side by side, two words each: the photon, and its place in the
+// part times `max_events` plus the event from which on it did. A thread for each word of marks;
 // `ranks` is the prefix sum of how many each has.
 
 import package::constants::GROUP;
@@ -25,7 +25,8 @@ fn main(
     for (var at = ranks[word]; bits != 0u; at++) {
         let item = 32u * word + firstTrailingBit(bits);
         let photon = work[params.first_listed + item];
-        chosen[at] = item * params.max_events + unpack_task(tasks[photon]).touched;
+        chosen[2u * at] = photon;
+        chosen[2u * at + 1u] = item * params.max_events + unpack_task(tasks[photon]).touched;
         bits &= bits - 1u;
     }
 }

@@ -6,18 +6,17 @@
 import package::constants::GROUP;
 import package::shared::counter::{CHANGED, MOVED, REPOWERED, count};
 import package::shared::item::item_index;
-import package::shared::marks::mark;
+import package::shared::journal::{journal, state_in_journal};
+@if(!points) import package::shared::marks::mark;
 import package::shared::photon::{PhotonParams, Task, NOTHING, pack_task, unpack_task};
 import package::shared::slot::{EMPTY, slot_kind};
+@if(points) import package::shared::slot_marks::{mark_altered, mark_moved};
 
 @group(0) @binding(8) var<uniform> params: PhotonParams;
 @group(0) @binding(9) var<storage, read> work: array<u32>;
 @group(0) @binding(10) var<storage, read_write> tasks: array<u32>;
 @group(0) @binding(11) var<storage, read> places: array<vec4<u32>>;
 @group(0) @binding(12) var<storage, read> states: array<vec4<u32>>;
-@group(0) @binding(13) var<storage, read> old_places: array<vec4<u32>>;
-@group(0) @binding(14) var<storage, read> old_states: array<vec4<u32>>;
-@if(points) @group(0) @binding(15) var<storage, read_write> moved: array<atomic<u32>>;
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -33,19 +32,16 @@ fn main(
     @if(points) var repowered = 0u;
     for (var event = unpack_task(tasks[photon]).touched; event < params.max_events; event++) {
         let live = event * params.photons + photon;
-        let old = event * params.journal + item;
+        let old = event * params.journal_photons + item;
         let now = states[live];
-        let before = old_states[old];
+        let before = journal[state_in_journal(old)];
         // Beyond a photon's end every slot is empty.
         if slot_kind(now) == EMPTY && slot_kind(before) == EMPTY { break; }
-        let is_elsewhere = any(places[live] != old_places[old]) || slot_kind(now) != slot_kind(before);
+        let is_elsewhere = any(places[live] != journal[old]) || slot_kind(now) != slot_kind(before);
         let differs = is_elsewhere || any(now.xy != before.xy);
         if differs { first = min(first, event); }
         @if(points) {
-            if differs {
-                let beyond = select(arrayLength(&moved) / 2u, 0u, is_elsewhere);
-                atomicOr(&moved[beyond + live / 32u], 1u << (live % 32u));
-            }
+            if is_elsewhere { mark_moved(live); } else if differs { mark_altered(live); }
             elsewhere += u32(is_elsewhere);
             repowered += u32(differs && !is_elsewhere);
         }

@@ -1,23 +1,38 @@
 // Fluence, the track-length estimator: each flight adds power times length to every
-// cell of the light field that it crosses, as a rounded integer; or, with sign -1,
-// takes exactly that out again; or, with sign 0, does both at once, where a flight of the
-// journal is flown with another power now. A work item is an event of a photon, of the live
-// slots or of the journal: of all that are listed, or of the chosen ones, counted from the slot on
-// that changed.
+// cell of the light field that it crosses, as a rounded integer; or takes exactly that out again;
+// or does both at once, where a flight of the journal is flown with another power now. A work item
+// is an event of a photon, of the slots of a batch or of the journal: of all that are listed, or of
+// the chosen ones, counted from the slot on that changed.
 
+import package::constants::{GROUP, DEPOSIT_ADD, DEPOSIT_REPLACE};
 import package::shared::counter::{DEPOSITS, CLAMPED, UNFINISHED, count, expect, cut_short};
 import package::shared::item::item_index;
 import package::shared::light::emit;
-import package::shared::photon::{PhotonParams, identify};
-import package::shared::scene::frame;
+import package::shared::photon::identify;
+import package::shared::scene::scene;
 import package::shared::slot::{EMPTY, slot_kind, slot_of, slot_power, unpack_power};
 import package::shared::sum64::rounded;
 import package::shared::walk::{line, walk_begin, walk_leave, walk_step};
-import package::constants::GROUP;
 
-@group(0) @binding(8) var<uniform> params: PhotonParams;
+struct DepositParams {
+    grid: vec3<u32>,    // cells
+    scale: f32,         // of the sums
+    light: u32,         // which light the batch belongs to
+    first_index: u32,   // the light's photon that is the batch's first
+    max_events: u32,
+    mode: u32,          // DEPOSIT_ADD, DEPOSIT_REMOVE or DEPOSIT_REPLACE
+    first_item: u32,    // of this dispatch
+    items: u32,
+    first_listed: u32,  // of the work list, where it lists all photons of a part
+    listed: u32,        // photons
+    stride: u32,        // slots from one event to the next
+    in_journal: u32,    // 1: a photon's slots are at its place in the part, not in the batch
+    is_chosen: u32,     // 1: of the part only the chosen photons, two words each (see `chosen`)
+    pad: u32,
+}
+
+@group(0) @binding(8) var<uniform> params: DepositParams;
 @group(0) @binding(9) var<storage, read> work: array<u32>;
-@group(0) @binding(10) var<storage, read> chosen: array<u32>;
 @group(0) @binding(11) var<storage, read> places: array<vec4<u32>>;
 @group(0) @binding(12) var<storage, read> states: array<vec4<u32>>;
 @group(0) @binding(13) var<storage, read_write> red: array<atomic<u32>>;
@@ -57,25 +72,26 @@ fn main(
     if item >= params.items { return; }
     var event = (params.first_item + item) / params.listed;
     var listed = (params.first_item + item) % params.listed;
-    if params.chosen == 1u {
-        let changed = chosen[listed];
+    var photon = 0u;
+    if params.is_chosen == 1u {
+        photon = work[2u * listed];
+        let changed = work[2u * listed + 1u];
         listed = changed / params.max_events;
         event += changed % params.max_events;
         if event >= params.max_events { return; }
+    } else {
+        photon = work[params.first_listed + listed];
     }
-    let photon = work[params.first_listed + listed];
-    let live = params.journal == 0u;
-    let stride = select(params.journal, params.photons, live);
-    let at = event * stride + select(listed, photon, live);
+    let at = event * params.stride + select(photon, listed, params.in_journal == 1u);
     let state = states[at];
     if slot_kind(state) == EMPTY { return; }
     let slot = slot_of(places[at], state);
 
     var start: vec3<f32>;
     if event > 0u {
-        start = bitcast<vec3<f32>>(places[at - stride].xyz);
+        start = bitcast<vec3<f32>>(places[at - params.stride].xyz);
     } else {
-        let id = identify(params, photon);
+        let id = identify(params.light, params.first_index + photon);
         start = emit(id.light, id.index).position;
     }
     let way = slot.position - start;
@@ -84,13 +100,13 @@ fn main(
     let l = line(start, way / length);
     var old = vec3<f32>(0.0);
     var now = unpack_power(slot.power) * params.scale;
-    if params.sign <= 0 {
+    if params.mode != DEPOSIT_ADD {
         old = now;
         now = vec3<f32>(0.0);
     }
     // What `weigh` has noted in place of the history.
-    if params.sign == 0 { now = unpack_power(slot_power(state.zwxy)) * params.scale; }
-    let edge = frame.extent / vec3<f32>(params.grid);
+    if params.mode == DEPOSIT_REPLACE { now = unpack_power(slot_power(state.zwxy)) * params.scale; }
+    let edge = scene.extent / vec3<f32>(params.grid);
     var w = walk_begin(l, 0.0, edge, params.grid);
     var t = 0.0;
     var deposits = 0u;

@@ -4,13 +4,12 @@
 import package::constants::{DIRTY_SPLIT, GROUP};
 import package::shared::dirty::{dirty, dirty_grid};
 import package::shared::item::item_index;
-import package::shared::scene::{frame, cell_masks, cell_index};
+import package::shared::scene::vacancy;
 
 fn is_vacant(index: u32) -> bool {
     let n = dirty_grid.blocks;
     let block = vec3(index % n.x, index / n.x % n.y, index / n.x / n.y);
-    let cell = cell_index(vec3<i32>(block / DIRTY_SPLIT));
-    return all((cell_masks[cell] & frame.visible_bins) == vec2<u32>(0u));
+    return vacancy(vec3<i32>(block / DIRTY_SPLIT)).is_vacant;
 }
 
 @compute @workgroup_size(GROUP)

@@ -3,7 +3,7 @@
 
 import package::constants::{GROUP, LAYERS, TABLE_ENTRIES};
 import package::shared::item::item_index;
-import package::shared::scene::{CellLayers, frame};
+import package::shared::scene::scene;
 
 // What a macro-cell can have, whatever the materials.
 struct CellRange {
@@ -16,7 +16,8 @@ struct CellRange {
 // What 2^k neighbouring table entries have, from each on, for all k: `first` of their layers, and
 // above 8 bits what is `opened`.
 @group(0) @binding(9) var<storage, read> spans: array<u32>;
-@group(0) @binding(10) var<storage, read_write> layers: array<CellLayers>;
+// As `tracking` of scene.wgsl.
+@group(0) @binding(10) var<storage, read_write> tracked: array<vec2<u32>>;
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -34,9 +35,11 @@ fn main(
     let first = min(a & 255u, b & 255u);
     var skipped = vec2<u32>(0u);
     for (var layer = 0u; layer < first; layer++) {
-        let mark_class = layer * frame.mark_classes / LAYERS;
+        let mark_class = layer * scene.mark_classes / LAYERS;
         // The bits of a bin's classes lie in one word.
         skipped |= range.values << vec2(mark_class);
     }
-    layers[cell] = CellLayers(first, (a | b) >> 8u, skipped);
+    let at = TABLE_ENTRIES + 2u * cell;
+    tracked[at] = vec2(first, (a | b) >> 8u);
+    tracked[at + 1u] = skipped;
 }

@@ -10,14 +10,13 @@ import package::shared::counter::{INVALID, REWEIGHED, count};
 import package::shared::item::item_index;
 import package::shared::marks::mark;
 import package::shared::photon::{PhotonParams, Task, NOTHING, pack_task, is_invalid};
-import package::shared::scene::optics;
+import package::shared::scene::optics_of;
 import package::shared::slot::{EMPTY, INTERACTION, slot_kind, slot_entry};
+@if(points) import package::shared::slot_marks::mark_altered;
 
 @group(0) @binding(8) var<uniform> params: PhotonParams;
 @group(0) @binding(9) var<storage, read> states: array<vec4<u32>>;
 @group(0) @binding(10) var<storage, read_write> tasks: array<u32>;
-// A bit for each slot that moved, then for each that may give other light where it is.
-@if(points) @group(0) @binding(11) var<storage, read_write> moved: array<atomic<u32>>;
 
 struct Found {
     touched: u32,  // the first event whose power or flight may be another
@@ -37,16 +36,14 @@ fn find(photon: u32) -> Found {
         }
         if is_invalid(state, params.risen) { found = earlier(found, Found(event, event)); }
         if kind != INTERACTION { break; }
-        let changes = optics[slot_entry(state)].changes;
+        let changes = optics_of(slot_entry(state)).changes;
         let next = event + 1u;
         if next < params.max_events {
             if (changes & CHANGE_ALBEDO) != 0u { found = earlier(found, Found(next, NOTHING)); }
             if (changes & CHANGE_PHASE) != 0u { found = earlier(found, Found(next, next)); }
         }
         @if(points) {
-            if (changes & (CHANGE_ALBEDO | CHANGE_PHASE)) != 0u {
-                atomicOr(&moved[arrayLength(&moved) / 2u + slot / 32u], 1u << (slot % 32u));
-            }
+            if (changes & (CHANGE_ALBEDO | CHANGE_PHASE)) != 0u { mark_altered(slot); }
         }
         @if(!points) { if found.invalid != NOTHING { break; } }
     }

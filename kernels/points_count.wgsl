@@ -1,5 +1,5 @@
-// How many points each bucket has, of `all`; of those listed, how many lights, which they `had` and
-// have (`points_take`). Noted one bucket further: summed up, that is where the bucket begins, and
+// How many points each bucket has: of `all`, or of those listed how many lights, `lights_each`
+// (`points_take`). Noted one bucket further: summed up, that is where the bucket begins, and
 // when all have come (`points_take`, `points_merge`), where it ends.
 
 import package::constants::GROUP;
@@ -20,6 +20,5 @@ fn main(
     let i = item_index(group, groups, local);
     if i >= params.count { return; }
     let point = select(work[i], i, params.all == 1u);
-    let lights = select(params.had + params.has, 1u, params.all == 1u);
-    atomicAdd(&starts[(keys[point] >> params.shift) + 1u], lights);
+    atomicAdd(&starts[(keys[point] >> params.shift) + 1u], params.lights_each);
 }

@@ -3,12 +3,12 @@
 
 import package::shared::item::item_index;
 import package::shared::marks::marks;
-import package::shared::points::PointsParams;
+import package::shared::points::{Origin, PointsParams};
+import package::shared::slot_marks::slot_marks;
 import package::constants::GROUP;
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
-@group(0) @binding(9) var<storage, read> moved: array<u32>;
-@group(0) @binding(10) var<storage, read> slots: array<u32>;
+@group(0) @binding(10) var<storage, read> origins: array<Origin>;
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -22,8 +22,9 @@ fn main(
     let count = min(params.count - first, 32u);
     var bits = 0u;
     for (var i = 0u; i < count; i++) {
-        let slot = slots[first + i];
-        bits |= (extractBits(moved[slot / 32u], slot % 32u, 1u) ^ 1u) << i;
+        let slot = origins[first + i].slot;
+        let moved = atomicLoad(&slot_marks[slot / 32u].moved);
+        bits |= (extractBits(moved, slot % 32u, 1u) ^ 1u) << i;
     }
     atomicStore(&marks[word], bits);
 }

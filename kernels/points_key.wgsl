@@ -2,14 +2,14 @@
 // from `first` on. Slots are told as those of the table.
 
 import package::shared::item::item_index;
-import package::shared::points::{PointsParams, points_cell, points_key};
+import package::shared::points::{Origin, PointsParams, points_cell, points_key};
 import package::constants::GROUP;
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
 @group(0) @binding(9) var<storage, read> places: array<vec4<u32>>;
 @group(0) @binding(10) var<storage, read> work: array<u32>;
 @group(0) @binding(11) var<storage, read_write> keys: array<u32>;
-@group(0) @binding(12) var<storage, read_write> slots: array<u32>;
+@group(0) @binding(12) var<storage, read_write> origins: array<Origin>;
 @group(0) @binding(13) var<storage, read_write> point_places: array<vec4<u32>>;
 
 @compute @workgroup_size(GROUP)
@@ -25,6 +25,6 @@ fn main(
     let position = bitcast<vec3<f32>>(place.xyz);
     let point = params.first + i;
     keys[point] = points_key(points_cell(position, params), params);
-    slots[point] = params.first_slot + slot;
+    origins[point].slot = params.first_slot + slot;
     point_places[point] = place;
 }

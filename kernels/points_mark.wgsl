@@ -5,11 +5,11 @@ import package::shared::item::item_index;
 import package::shared::marks::marks;
 import package::shared::points::PointsParams;
 import package::shared::slot::INTERACTION;
+import package::shared::slot_marks::slot_marks;
 import package::constants::GROUP;
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
 @group(0) @binding(9) var<storage, read> states: array<vec4<u32>>;
-@group(0) @binding(10) var<storage, read> moved: array<u32>;
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -21,7 +21,7 @@ fn main(
     let first = 32u * word;
     if first >= params.count { return; }
     var open = 0xffffffffu >> (32u - min(params.count - first, 32u));
-    if params.all == 0u { open &= moved[word]; }
+    if params.all == 0u { open &= atomicLoad(&slot_marks[word].moved); }
     var bits = 0u;
     while open != 0u {
         let i = firstTrailingBit(open);

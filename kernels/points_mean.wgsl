@@ -5,13 +5,13 @@
 import package::shared::counter::{REFRESHED, count};
 import package::shared::item::{group_index, thread};
 import package::shared::kept::is_kept;
-import package::shared::points::PointsParams;
-import package::shared::scene::{frame, optics, entry_at, bin_of, bin_bit};
+import package::shared::points::{Origin, PointsParams};
+import package::shared::scene::{scene, optics_of, entry_at, bin_of, bin_bit};
 import package::constants::{GROUP, MEAN_BLOCK};
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
 @group(0) @binding(11) var<storage, read> point_places: array<vec4<u32>>;
-@group(0) @binding(12) var<storage, read_write> means: array<f32>;
+@group(0) @binding(12) var<storage, read_write> origins: array<Origin>;
 @if(history) @group(0) @binding(13) var<storage, read_write> mean_histories: array<vec2<u32>>;
 // Points whose mean changed are marked here.
 @group(0) @binding(16) var<storage, read_write> changed: array<atomic<u32>>;
@@ -52,7 +52,7 @@ fn is_needed(point: u32) -> bool {
 fn find_mean(point: u32) {
     let position = bitcast<vec3<f32>>(point_places[point].xyz);
     let own = entry_at(position);
-    var total = optics[own].extinction;
+    var total = optics_of(own).extinction;
     var history = bin_bit(bin_of(own));
     for (var i = 0u; i < 2u * SHELL; i++) {
         // Radii at the volume medians of the inner and the outer half of the ball.
@@ -61,16 +61,16 @@ fn find_mean(point: u32) {
         let angle = 2.399963 * f32(i);
         let across = sqrt(1.0 - z * z);
         let tap = position + radius * vec3(across * cos(angle), across * sin(angle), z);
-        if all(tap >= vec3<f32>(0.0)) && all(tap <= frame.extent) {
+        if all(tap >= vec3<f32>(0.0)) && all(tap <= scene.extent) {
             let entry = entry_at(tap);
-            total += optics[entry].extinction;
+            total += optics_of(entry).extinction;
             @if(history) { history |= bin_bit(bin_of(entry)); }
         }
     }
     let mean = total / f32(2u * SHELL + 1u);
-    if params.fresh == 0u && bitcast<u32>(mean) != bitcast<u32>(means[point]) {
+    if params.fresh == 0u && bitcast<u32>(mean) != bitcast<u32>(origins[point].mean) {
         atomicOr(&changed[point / 32u], 1u << (point % 32u));
     }
-    means[point] = mean;
+    origins[point].mean = mean;
     @if(history) { mean_histories[point] = history; }
 }

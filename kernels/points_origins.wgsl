@@ -2,14 +2,12 @@
 
 import package::constants::GROUP;
 import package::shared::item::item_index;
-import package::shared::points::{NOWHERE, PointsParams};
+import package::shared::points::{NOWHERE, Origin, PointsParams};
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
 @group(0) @binding(9) var<storage, read> order: array<u32>;
-@group(0) @binding(10) var<storage, read> seen_slots: array<u32>;
-@group(0) @binding(11) var<storage, read_write> slots: array<u32>;
-@if(even) @group(0) @binding(12) var<storage, read> seen_means: array<f32>;
-@if(even) @group(0) @binding(13) var<storage, read_write> means: array<f32>;
+@group(0) @binding(10) var<storage, read> seen_origins: array<Origin>;
+@group(0) @binding(11) var<storage, read_write> origins: array<Origin>;
 @if(even) @group(0) @binding(14) var<storage, read> seen_histories: array<vec2<u32>>;
 @if(even) @group(0) @binding(15) var<storage, read_write> mean_histories: array<vec2<u32>>;
 
@@ -23,7 +21,6 @@ fn main(
     if i >= params.count { return; }
     let place = order[i];
     if place == NOWHERE { return; }
-    slots[place] = seen_slots[i];
-    @if(even) { means[place] = seen_means[i]; }
+    origins[place] = seen_origins[i];
     @if(even) { mean_histories[place] = seen_histories[i]; }
 }

@@ -2,11 +2,11 @@
 
 import package::constants::GROUP;
 import package::shared::item::item_index;
-import package::shared::points::PointsParams;
+import package::shared::points::{Origin, PointsParams};
+import package::shared::slot_marks::slot_marks;
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
-@group(0) @binding(9) var<storage, read> slots: array<u32>;
-@group(0) @binding(10) var<storage, read> relit: array<u32>;
+@group(0) @binding(9) var<storage, read> origins: array<Origin>;
 @group(0) @binding(11) var<storage, read_write> changed: array<atomic<u32>>;
 
 @compute @workgroup_size(GROUP)
@@ -17,7 +17,8 @@ fn main(
 ) {
     let point = item_index(group, groups, local);
     if point >= params.count { return; }
-    let slot = slots[point];
-    if extractBits(relit[slot / 32u], slot % 32u, 1u) == 0u { return; }
+    let slot = origins[point].slot;
+    let altered = atomicLoad(&slot_marks[slot / 32u].altered);
+    if extractBits(altered, slot % 32u, 1u) == 0u { return; }
     atomicOr(&changed[point / 32u], 1u << (point % 32u));
 }

@@ -1,6 +1,6 @@
 // The light of each point of a batch, its contribution: scatter * colour of its own entry *
 // power * kernel. One that is not where it was is dark. Where the light is not what it was, that
-// is noted: segments have seen it.
+// is noted; the host keeps what segments have seen.
 //
 // `even` also divides by the mean extinction around it, so that what is blurred is
 // fluence, which is smooth, and not collision density, which is not.
@@ -8,37 +8,35 @@
 import package::shared::counter::{REFRESHED, count};
 import package::shared::item::item_index;
 import package::shared::phase::PI;
-import package::shared::points::PointsParams;
-import package::shared::scene::scattering;
+import package::shared::points::{Origin, PointsParams};
+import package::shared::scene::shading;
 import package::shared::slot::{slot_of, unpack_power};
 import package::constants::GROUP;
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
 @group(0) @binding(9) var<storage, read> states: array<vec4<u32>>;
-@group(0) @binding(10) var<storage, read> slots: array<u32>;
+@group(0) @binding(10) var<storage, read> origins: array<Origin>;
 @group(0) @binding(11) var<storage, read_write> point_lights: array<vec4<f32>>;
-@if(even) @group(0) @binding(12) var<storage, read> means: array<f32>;
 @group(0) @binding(13) var<storage, read> kept: array<u32>;
-@group(0) @binding(14) var<storage, read_write> seen_lights: array<vec4<f32>>;
 @group(0) @binding(15) var<storage, read_write> changed: array<atomic<u32>>;
 
 fn light_of(point: u32) -> vec4<f32> {
-    let slot = slot_of(vec4<u32>(0u), states[slots[point] - params.first_slot]);
-    let material = scattering[slot.entry];
-    var light = unpack_power(slot.power) * material.rgb * params.kernel;
+    let slot = slot_of(vec4<u32>(0u), states[origins[point].slot - params.first_slot]);
+    let material = shading[slot.entry];
+    var light = unpack_power(slot.power) * material.albedo * params.per_ball;
     @if(!anisotropic) { light /= 4.0 * PI; }
     @if(even) {
         // Rounding may look beside a tissue a voxel wide, and find nothing around.
-        let mean = means[point];
+        let mean = origins[point].mean;
         light = select(vec3<f32>(0.0), light / mean, mean > 0.0);
     }
-    return vec4<f32>(light, material.a);
+    return vec4<f32>(light, material.phase_g);
 }
 
 // Returns whether it is the batch's: others are not looked at.
 fn record(point: u32, is_kept: bool) -> bool {
     // This wraps where they come before.
-    if slots[point] - params.first_slot >= params.slots { return false; }
+    if origins[point].slot - params.first_slot >= params.slots { return false; }
     var light = vec4<f32>(0.0);
     if is_kept { light = light_of(point); }
     if params.fresh == 1u {
@@ -53,10 +51,7 @@ fn record(point: u32, is_kept: bool) -> bool {
     } else {
         atomicAnd(&changed[point / 32u], ~bit);
     }
-    if differs {
-        seen_lights[point] = seen;
-        point_lights[point] = light;
-    }
+    if differs { point_lights[point] = light; }
     return true;
 }
 

@@ -1,6 +1,6 @@
 // The listed points, whose light changed, each in its bucket: with the light that segments have
-// seen, less than zero, for that is taken out, and with what it is now. In which order they come
-// there is left open: sums of integers do not depend on it.
+// seen, less than zero, for that is taken out (`sign` -1), or with what it is now (1). In which order
+// they come there is left open: sums of integers do not depend on it.
 
 import package::constants::GROUP;
 import package::shared::item::item_index;
@@ -9,9 +9,8 @@ import package::shared::points::PointsParams;
 @group(0) @binding(8) var<uniform> params: PointsParams;
 @group(0) @binding(9) var<storage, read> work: array<u32>;
 @group(0) @binding(10) var<storage, read> keys: array<u32>;
-@group(0) @binding(11) var<storage, read> seen_places: array<vec4<u32>>;
-@group(0) @binding(12) var<storage, read> seen_lights: array<vec4<f32>>;
-@group(0) @binding(13) var<storage, read> now_lights: array<vec4<f32>>;
+@group(0) @binding(11) var<storage, read> from_places: array<vec4<u32>>;
+@group(0) @binding(12) var<storage, read> from_lights: array<vec4<f32>>;
 @group(0) @binding(14) var<storage, read_write> starts: array<atomic<u32>>;
 @group(0) @binding(15) var<storage, read_write> point_places: array<vec4<u32>>;
 @group(0) @binding(16) var<storage, read_write> point_lights: array<vec4<f32>>;
@@ -25,16 +24,8 @@ fn main(
     let i = item_index(group, groups, local);
     if i >= params.count { return; }
     let point = work[i];
-    let lights = params.had + params.has;
-    var at = atomicAdd(&starts[(keys[point] >> params.shift) + 1u], lights);
-    if params.had == 1u {
-        let seen = seen_lights[point];
-        point_places[at] = seen_places[point];
-        point_lights[at] = vec4<f32>(-seen.rgb, seen.a);
-        at++;
-    }
-    if params.has == 1u {
-        point_places[at] = seen_places[point];
-        point_lights[at] = now_lights[point];
-    }
+    let at = atomicAdd(&starts[(keys[point] >> params.shift) + 1u], 1u);
+    let light = from_lights[point];
+    point_places[at] = from_places[point];
+    point_lights[at] = vec4<f32>(params.sign * light.rgb, light.a);
 }

@@ -7,7 +7,7 @@ import package::shared::item::item_index;
 import package::shared::light::emit;
 import package::shared::phase::sample_phase;
 import package::shared::random::{draw, unit4, FOR_FLIGHT, FOR_SCATTER};
-import package::shared::scene::frame;
+import package::shared::scene::scene;
 import package::shared::slot::{
     pack_direction, unpack_direction, pack_power, unpack_power, scaled_power
 };
@@ -38,13 +38,13 @@ fn main(
     if i >= params.count { return; }
     switch params.what {
         case 0u: {
-            let key = draw(frame.seed, i, 0u, FOR_FLIGHT).xy;
+            let key = draw(scene.seed, i, 0u, FOR_FLIGHT).xy;
             let f = fly(params.origin, params.direction, key, nothing_known());
             first[i] = vec4<f32>(f.distance, f32(f.entry), f32(f.collided), f32(f.tentative));
             second[i] = vec4<f32>(bitcast<vec2<f32>>(f.history), 0.0, 0.0);
         }
         case 1u: {
-            let u = unit4(draw(frame.seed, i, 0u, FOR_SCATTER)).xy;
+            let u = unit4(draw(scene.seed, i, 0u, FOR_SCATTER)).xy;
             first[i] = vec4<f32>(sample_phase(params.g, params.direction, u), 0.0);
         }
         case 2u: {
@@ -54,14 +54,14 @@ fn main(
             third[i] = vec4<f32>(e.power, 0.0);
         }
         case 3u: {
-            let u = unit4(draw(frame.seed, i, 0u, FOR_SCATTER));
+            let u = unit4(draw(scene.seed, i, 0u, FOR_SCATTER));
             let d = sample_phase(0.0, params.direction, u.xy);
             first[i] = vec4<f32>(d, 0.0);
             second[i] = vec4<f32>(unpack_direction(pack_direction(d)), 0.0);
             third[i] = vec4<f32>(unpack_power(pack_power(u.xyz * exp2(40.0 * (u.w - 0.5)))), u.w);
         }
         default: {
-            let u = unit4(draw(frame.seed, i, 0u, FOR_SCATTER));
+            let u = unit4(draw(scene.seed, i, 0u, FOR_SCATTER));
             let power = pack_power(u.xyz * exp2(150.0 * (u.w - 0.5)));
             // From white to black, among them 1 and 0.
             let share = vec3<u32>(u.zxy * exp2(-f32(i % 20u)) * 262145.0);

@@ -13,7 +13,7 @@ import package::shared::item::item_index;
 import package::shared::light::lights;
 import package::shared::phase::{phase, sample_phase};
 import package::shared::random::{pcg4d, draw, unit, unit4, exponential, FOR_PATH};
-import package::shared::scene::{frame, optics, scattering, emission, entry_at, cell_index};
+import package::shared::scene::{scene, optics_of, shading, entry_at, cell_index};
 import package::shared::segment::SegmentParams;
 import package::shared::walk::{line, inside, walk_begin, walk_leave, walk_step};
 
@@ -51,11 +51,11 @@ struct Tracked {
 // Delta tracking to the first real collision before `end`.
 fn track(origin: vec3<f32>, direction: vec3<f32>, end: f32) -> Tracked {
     let l = line(origin, direction);
-    let reach = inside(l, frame.extent);
+    let reach = inside(l, scene.extent);
     let stop = min(reach.y, end);
     var result = Tracked(0.0, 0u, false, vec3<f32>(0.0));
     if reach.y <= reach.x { return result; }
-    var w = walk_begin(l, reach.x, frame.cell_mm, frame.cells);
+    var w = walk_begin(l, reach.x, scene.cell_mm, scene.cells);
     var t_in = reach.x;
     var arrived = false;
     loop {
@@ -70,8 +70,8 @@ fn track(origin: vec3<f32>, direction: vec3<f32>, end: f32) -> Tracked {
                 over = t >= t_out;
                 if over { break; }
                 let entry = entry_at(origin + direction * t);
-                @if(emission) { result.glow += emission[entry].rgb / majorant; }
-                if unit(words.y) * majorant < optics[entry].extinction {
+                @if(emission) { result.glow += shading[entry].emission / majorant; }
+                if unit(words.y) * majorant < optics_of(entry).extinction {
                     result.t = t;
                     result.entry = entry;
                     result.collided = true;
@@ -81,7 +81,7 @@ fn track(origin: vec3<f32>, direction: vec3<f32>, end: f32) -> Tracked {
             expect(over);
         }
         t_in = max(t_out, t_in);
-        arrived = t_out >= stop || !walk_step(&w, l, frame.cell_mm, frame.cells);
+        arrived = t_out >= stop || !walk_step(&w, l, scene.cell_mm, scene.cells);
         if arrived { break; }
     }
     expect(arrived);
@@ -91,10 +91,10 @@ fn track(origin: vec3<f32>, direction: vec3<f32>, end: f32) -> Tracked {
 // Ratio tracking: an unbiased estimate of the transmittance to distance `end`.
 fn transmittance(origin: vec3<f32>, direction: vec3<f32>, end: f32) -> f32 {
     let l = line(origin, direction);
-    let reach = inside(l, frame.extent);
+    let reach = inside(l, scene.extent);
     let stop = min(reach.y, end);
     if reach.y <= reach.x { return 1.0; }
-    var w = walk_begin(l, reach.x, frame.cell_mm, frame.cells);
+    var w = walk_begin(l, reach.x, scene.cell_mm, scene.cells);
     var t_in = reach.x;
     var arrived = false;
     var passed = 1.0;
@@ -109,7 +109,7 @@ fn transmittance(origin: vec3<f32>, direction: vec3<f32>, end: f32) -> f32 {
                 t += exponential(unit(words.x)) / majorant;
                 over = t >= t_out;
                 if over { break; }
-                let extinction = optics[entry_at(origin + direction * t)].extinction;
+                let extinction = optics_of(entry_at(origin + direction * t)).extinction;
                 passed *= 1.0 - extinction / majorant;
                 // A roulette keeps the estimate unbiased and ends hopeless walks.
                 if passed < 0.1 {
@@ -120,7 +120,7 @@ fn transmittance(origin: vec3<f32>, direction: vec3<f32>, end: f32) -> f32 {
             expect(over);
         }
         t_in = max(t_out, t_in);
-        arrived = t_out >= stop || !walk_step(&w, l, frame.cell_mm, frame.cells);
+        arrived = t_out >= stop || !walk_step(&w, l, scene.cell_mm, scene.cells);
         if arrived { break; }
     }
     expect(arrived);
@@ -173,10 +173,10 @@ fn radiance(origin: vec3<f32>, toward: vec3<f32>) -> vec3<f32> {
         over = !found.collided;
         if over { break; }
         point += travel * found.t;
-        let material = scattering[found.entry];
-        @if(anisotropic) let g = material.a;
+        let material = shading[found.entry];
+        @if(anisotropic) let g = material.phase_g;
         @if(!anisotropic) let g = 0.0;
-        weight *= material.rgb;
+        weight *= material.albedo;
         if event >= path.roulette_from {
             let survival = clamp(max(weight.r, max(weight.g, weight.b)), 0.05, 1.0);
             over = unit(next_words().x) >= survival;
@@ -210,7 +210,7 @@ fn main(
     var s = 0u;
     for (; s < path.samples; s++) {
         let sample = path.first_sample + s;
-        let key = draw(frame.seed, pixel, sample, FOR_PATH);
+        let key = draw(scene.seed, pixel, sample, FOR_PATH);
         stream = vec4<u32>(key.xyz, 0u);
         let u = unit4(key.wzyx).xy;
         let place = (vec2<f32>(at) + u) / vec2<f32>(f32(params.width), f32(params.height));

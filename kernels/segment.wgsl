@@ -6,13 +6,14 @@
 // volume's bounds. The fluence gives a segment its colour at once; points are added to
 // its integer sums, batch after batch.
 
+@if(nearest && skip) import package::constants::CELL_EDGE;
 import package::constants::GROUP;
 import package::shared::counter::{
     CLAMPED, GATHERED, SAMPLES, UNFINISHED, count, expect, cut_short
 };
 import package::shared::item::item_index;
 import package::shared::scene::{
-    frame, optics, emission, cell_masks, entry_at, bin_of, bin_bit, cell_index
+    scene, shading, vacancy, entry_at, bin_of, bin_bit
 };
 import package::shared::segment::{SegmentParams, Span, span_of};
 @if(!fluence) import package::shared::segment_sums::{Sums, unpack_sums, pack_high};
@@ -49,19 +50,19 @@ fn lean(depth: f32, passed: f32) -> f32 {
 fn interval(ray: Line, t: f32, length: f32, march: ptr<function, March>) {
     let point = ray.origin + ray.direction * t;
     let entry = entry_at(point);
-    let o = optics[entry];
+    let extinction = shading[entry].extinction;
     @if(history) { (*march).history |= bin_bit(bin_of(entry)); }
     (*march).samples++;
-    let depth = o.extinction * length;
+    let depth = extinction * length;
     let passed = exp(-depth);
     let lost = (*march).transmittance * (1.0 - passed);
     var along = (*march).transmittance * length;
-    if o.extinction > 0.0 { along = lost / o.extinction; }
-    @if(emission) { (*march).glow += along * emission[entry].rgb; }
+    if extinction > 0.0 { along = lost / extinction; }
+    @if(emission) { (*march).glow += along * shading[entry].emission; }
     @if(fluence || even) let weight = lost;
     @if(!fluence && !even) let weight = along;
     // Where nothing scatters no light is gathered: sigma_s = 0 in H(1).
-    if o.extinction > 0.0 {
+    if extinction > 0.0 {
         let seen = ray.origin + ray.direction * (t + lean(depth, passed) * length);
         let scaled = weight * params.scale;
         (*march).light = gather(params, seen, entry, scaled, -ray.direction, (*march).light);
@@ -76,22 +77,22 @@ fn march_span(span: Span, march: ptr<function, March>) {
     let begin = span.enter + length * (f32(span.index) / f32(params.segments));
     let end = span.enter + length * (f32(span.index + 1u) / f32(params.segments));
     if !(end > begin) { return; }
-    let edge = 1.0 / frame.per_voxel;
+    let edge = 1.0 / scene.per_voxel;
     var t = begin;
-    var w = walk_begin(span.ray, t, edge, frame.size);
+    var w = walk_begin(span.ray, t, edge, scene.size);
     var arrived = false;
     loop {
         let leave = min(walk_leave(w), end);
         if leave > t {
             var vacant = false;
             @if(skip) {
-                let mask = cell_masks[cell_index(vec3<i32>(vec3<u32>(w.cell) / package::constants::CELL_EDGE))];
-                vacant = all((mask & frame.visible_bins) == vec2<u32>(0u));
-                @if(history) { if vacant { (*march).history |= mask; } }
+                let here = vacancy(vec3<i32>(vec3<u32>(w.cell) / CELL_EDGE));
+                vacant = here.is_vacant;
+                @if(history) { if vacant { (*march).history |= here.mask; } }
             }
             if !vacant {
                 // A voxel is constant, but the light in it is not.
-                let parts = ceil((leave - t) / frame.step);
+                let parts = ceil((leave - t) / scene.step);
                 let h = (leave - t) / parts;
                 var i = 0.5;
                 for (; i < parts && (*march).transmittance != 0.0; i += 1.0) {
@@ -102,7 +103,7 @@ fn march_span(span: Span, march: ptr<function, March>) {
             t = leave;
         }
         arrived = leave >= end || (*march).transmittance == 0.0
-            || !walk_step(&w, span.ray, edge, frame.size);
+            || !walk_step(&w, span.ray, edge, scene.size);
         if arrived { break; }
     }
     expect(arrived);
@@ -119,7 +120,7 @@ fn first_sample(samples: u32, segment: u32) -> u32 {
 fn march_span(span: Span, march: ptr<function, March>) {
     let length = span.leave - span.enter;
     if !(length > 0.0) { return; }
-    let samples = u32(ceil(length / frame.step));
+    let samples = u32(ceil(length / scene.step));
     let h = length / f32(samples);
     let end = first_sample(samples, span.index + 1u);
     var i = first_sample(samples, span.index);
@@ -128,15 +129,15 @@ fn march_span(span: Span, march: ptr<function, March>) {
         let t = span.enter + (f32(i) + 0.5) * h;
         @if(skip) {
             if i >= known {
-                let at = vec3<i32>((span.ray.origin + span.ray.direction * t) / frame.cell_mm);
-                let cell = clamp(at, vec3<i32>(0), vec3<i32>(frame.cells) - 1);
+                let at = vec3<i32>((span.ray.origin + span.ray.direction * t) / scene.cell_mm);
+                let cell = clamp(at, vec3<i32>(0), vec3<i32>(scene.cells) - 1);
                 // Rounding does not matter: a cell also knows what is half a voxel beyond it.
-                let next = walk_next(span.ray, cell, frame.cell_mm);
+                let next = walk_next(span.ray, cell, scene.cell_mm);
                 let beyond = (min(next.x, min(next.y, next.z)) - span.enter) / h - 0.5;
                 known = max(i + 1u, u32(clamp(ceil(beyond), 0.0, f32(end))));
-                let mask = cell_masks[cell_index(cell)];
-                if all((mask & frame.visible_bins) == vec2<u32>(0u)) {
-                    @if(history) { (*march).history |= mask; }
+                let here = vacancy(cell);
+                if here.is_vacant {
+                    @if(history) { (*march).history |= here.mask; }
                     i = known;
                     continue;
                 }

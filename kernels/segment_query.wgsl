@@ -7,7 +7,7 @@ import package::shared::counter::{CHECKED, UNFINISHED, count, expect, cut_short}
 import package::shared::dirty::{dirty_grid, is_dirty, axes_meet};
 import package::shared::item::item_index;
 import package::shared::marks::mark;
-import package::shared::scene::frame;
+import package::shared::scene::scene;
 import package::shared::segment::{SegmentParams, Span, span_of, HISTORY};
 import package::shared::walk::{walk_begin, walk_leave, walk_step};
 
@@ -50,14 +50,14 @@ fn seeing_change(task: u32, several: u32, asked: u32) -> u32 {
     let ray = span.ray;
     let each = length / f32(params.segments);
     // Samples may lie a little outside their segment, by rounding or by their lattice.
-    let slack = frame.step;
+    let slack = scene.step;
     let first = span.enter + f32(span.index) * each;
     var found = 0u;
     if dirty_grid.spatial == SPATIAL_AXES {
         for (var k = 0u; k < several; k++) {
             let a = ray.origin + ray.direction * max(span.enter, first + f32(k) * each - slack);
             let b = ray.origin + ray.direction * min(span.leave, first + f32(k + 1u) * each + slack);
-            found |= select(0u, 1u << k, axes_meet(min(a, b), max(a, b), frame.extent));
+            found |= select(0u, 1u << k, axes_meet(min(a, b), max(a, b), scene.extent));
         }
         return found;
     }

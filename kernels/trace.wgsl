@@ -18,7 +18,7 @@ import package::shared::photon::{
 };
 import package::shared::light::emit;
 import package::shared::random::{draw, FOR_FLIGHT};
-import package::shared::scene::{frame, optics};
+import package::shared::scene::{scene, optics_of};
 import package::shared::slot::{
     Slot, EMPTY, INTERACTION, EXIT, slot_place, slot_state, slot_of, pack_direction,
     unpack_direction, pack_power
@@ -37,12 +37,12 @@ fn known_of(slot: Slot, origin: vec3<f32>, direction: vec3<f32>) -> Known {
     var known = Known(FAR, FAR, slot.history);
     if slot.kind == INTERACTION {
         // More than rounding can hide.
-        let edge = min(frame.cell_mm.x, min(frame.cell_mm.y, frame.cell_mm.z));
+        let edge = min(scene.cell_mm.x, min(scene.cell_mm.y, scene.cell_mm.z));
         let went = dot(slot.position - origin, direction);
-        let extent = max(frame.extent.x, max(frame.extent.y, frame.extent.z));
+        let extent = max(scene.extent.x, max(scene.extent.y, scene.extent.z));
         let slack = 4e-6 * extent + 1e-3 * edge;
         known.passed = went - slack;
-        let fallen = optics[slot.entry].changes & CHANGE_FALLEN;
+        let fallen = optics_of(slot.entry).changes & CHANGE_FALLEN;
         if fallen == 0u { known.ended = went + slack; }
     }
     return known;
@@ -61,7 +61,7 @@ fn main(
     var event = task.touched + params.first_event;
     let stop = min(task.touched + params.stop_event, params.max_events);
     if event >= stop { return; }
-    let id = identify(params, photon);
+    let id = identify(params.light, params.first_index + photon);
 
     var slot: Slot;
     if event > 0u {
@@ -87,7 +87,7 @@ fn main(
             power = pack_power(e.power);
         } else {
             power = weigh(id, event - 1u, slot.power, slot.entry, params);
-            turned = (optics[slot.entry].changes & CHANGE_PHASE) != 0u;
+            turned = (optics_of(slot.entry).changes & CHANGE_PHASE) != 0u;
         }
         over = all(power == vec2<u32>(0u));
         if over { break; }

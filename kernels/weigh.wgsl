@@ -3,10 +3,11 @@
 // they are (see `weighed`).
 //
 // A photon that had no power left and now has some goes on where it never flew. That is
-// left to `trace`; the host hears of it as of a loop that did not come to its end.
+// left to `trace`.
 
-import package::shared::counter::{UNFINISHED, count, expect, cut_short};
+import package::shared::counter::{UNFINISHED, WOKEN, count, expect, cut_short};
 import package::shared::item::item_index;
+import package::shared::journal::{journal, state_in_journal};
 import package::shared::photon::{PhotonParams, unpack_task, identify, weigh};
 import package::shared::slot::{EMPTY, INTERACTION, slot_kind, slot_entry, slot_power};
 import package::constants::GROUP;
@@ -16,8 +17,6 @@ import package::constants::GROUP;
 @group(0) @binding(10) var<storage, read> tasks: array<u32>;
 @group(0) @binding(11) var<storage, read> places: array<vec4<u32>>;
 @group(0) @binding(12) var<storage, read> states: array<vec4<u32>>;
-@group(0) @binding(13) var<storage, read_write> old_places: array<vec4<u32>>;
-@group(0) @binding(14) var<storage, read_write> old_states: array<vec4<u32>>;
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -29,15 +28,16 @@ fn main(
     if item >= params.items { return; }
     let photon = work[params.first_item + item];
     let listed = params.first_item + item - params.first_listed;
-    let id = identify(params, photon);
+    let id = identify(params.light, params.first_index + photon);
     // At least 1, since the light shines as before.
     var event = unpack_task(tasks[photon]).touched;
     var before = (event - 1u) * params.photons + photon;
     var state = states[before];
     var power = slot_power(state);
     // Where the first of its flights begins.
-    old_places[(event - 1u) * params.journal + listed] = places[before];
+    journal[(event - 1u) * params.journal_photons + listed] = places[before];
     var over = false;
+    var wakes = false;
     for (; !over; event++) {
         over = event >= params.max_events || slot_kind(state) != INTERACTION;
         if over { break; }
@@ -47,12 +47,15 @@ fn main(
         let at = event * params.photons + photon;
         state = states[at];
         if slot_kind(state) == EMPTY {
-            over = all(power == vec2<u32>(0u));
+            over = true;
+            wakes = any(power != vec2<u32>(0u));
             break;
         }
-        old_places[event * params.journal + listed] = places[at];
-        old_states[event * params.journal + listed] = vec4<u32>(state.xy, power);
+        let old = event * params.journal_photons + listed;
+        journal[old] = places[at];
+        journal[state_in_journal(old)] = vec4<u32>(state.xy, power);
     }
     expect(over);
+    count(WOKEN, u32(wakes));
     count(UNFINISHED, u32(cut_short));
 }

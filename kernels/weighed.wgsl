@@ -5,17 +5,17 @@
 import package::constants::GROUP;
 import package::shared::counter::{CHANGED, INTERACTIONS, MOVED, REPOWERED, count};
 import package::shared::item::item_index;
-import package::shared::marks::mark;
+import package::shared::journal::{journal, state_in_journal};
+@if(!points) import package::shared::marks::mark;
 import package::shared::photon::{PhotonParams, Task, NOTHING, pack_task, unpack_task};
 import package::shared::slot::{EMPTY, INTERACTION, slot_kind, slot_power};
+@if(points) import package::shared::slot_marks::{mark_altered, mark_moved};
 
 @group(0) @binding(8) var<uniform> params: PhotonParams;
 @group(0) @binding(9) var<storage, read> work: array<u32>;
 @group(0) @binding(10) var<storage, read_write> tasks: array<u32>;
 @group(0) @binding(11) var<storage, read_write> places: array<vec4<u32>>;
 @group(0) @binding(12) var<storage, read_write> states: array<vec4<u32>>;
-@group(0) @binding(13) var<storage, read> old_states: array<vec4<u32>>;
-@if(points) @group(0) @binding(14) var<storage, read_write> moved: array<atomic<u32>>;
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -31,7 +31,7 @@ fn main(
     var repowered = 0u;
     var gone = 0u;
     for (var event = unpack_task(tasks[photon]).touched; event < params.max_events; event++) {
-        let old = old_states[event * params.journal + item];
+        let old = journal[state_in_journal(event * params.journal_photons + item)];
         if slot_kind(old) == EMPTY { break; }
         let at = event * params.photons + photon;
         if all(old.zw == slot_power(old)) {
@@ -43,15 +43,13 @@ fn main(
             places[at] = vec4<u32>(0u);
             states[at] = vec4<u32>(0u);
             gone++;
-            @if(points) { atomicOr(&moved[at / 32u], 1u << (at % 32u)); }
+            @if(points) mark_moved(at);
         } else {
             states[at].x = old.z;
             states[at].y = old.w | (old.y & ~0x3ffffu);
             interactions += u32(slot_kind(old) == INTERACTION);
             repowered++;
-            @if(points) {
-                atomicOr(&moved[arrayLength(&moved) / 2u + at / 32u], 1u << (at % 32u));
-            }
+            @if(points) mark_altered(at);
         }
     }
     tasks[photon] = pack_task(Task(first, NOTHING));

@@ -58,14 +58,12 @@ impl Reference {
     /// The film does not fit the adapter.
     pub fn new(gpu: &Gpu, scene: &Scene, device: &DeviceScene) -> Result<Self> {
         let pixels = scene.camera.width as usize * scene.camera.height as usize;
-        let flags =
-            device.flags(&["nearest", "squares", "float_voxels", "anisotropic", "emission"]);
         let max_events = match scene.settings.method {
             Method::Mcvr => 1,
             _ => scene.settings.reference_events.unwrap_or(ALL_EVENTS),
         };
         // Where only emission is, one look per macro-cell edge suffices on average.
-        let glow_rate = 1.0 / device.frame.cell_mm.iter().copied().fold(f32::INFINITY, f32::min);
+        let glow_rate = 1.0 / device.params.cell_mm.iter().copied().fold(f32::INFINITY, f32::min);
         Ok(Self {
             params: SegmentParams::of(scene.camera.rays(&device.local_from_world)?),
             path: ReferenceParams {
@@ -79,7 +77,7 @@ impl Reference {
             means: gpu.buffer::<[f32; 4]>("reference means", pixels)?,
             deviations: gpu.buffer::<[f32; 4]>("reference deviations", pixels)?,
             counters: CounterBuffer::new(gpu)?,
-            kernel: gpu.kernel("reference", &flags)?,
+            kernel: gpu.kernel("reference", &device.flags())?,
             pace: Pace::new(1 << 13),
         })
     }

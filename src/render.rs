@@ -4,7 +4,6 @@ use std::time::Instant;
 
 use crate::device_scene::DeviceScene;
 use crate::error::Result;
-use crate::field::LightField;
 use crate::film::Image;
 use crate::gpu::counter::Counters;
 use crate::gpu::run::{Timing, milliseconds};
@@ -93,7 +92,7 @@ pub fn render(
         max_events: 0,
         radius_mm: None,
         grid: None,
-        majorant: f64::from(device.frame.majorant),
+        majorant: f64::from(device.params.majorant),
         entries_clamped: device.table.clamped,
         segments: 0,
         rays: scene.settings.rays,
@@ -105,7 +104,7 @@ pub fn render(
         total_ms: 0.0,
     };
     let (image, error) = if scene.settings.method == Method::PhotonMap {
-        let mut frame = PhotonFrame::new(gpu, scene, device, scene.settings.rays, split)?;
+        let mut frame = PhotonFrame::new(gpu, scene, device, split)?;
         frame.rebuild(gpu, split, progress)?;
         fill(&frame, gpu, &mut report)?;
         (frame.segments.image(gpu)?, None)
@@ -124,7 +123,7 @@ pub fn render(
 }
 
 fn fill(frame: &PhotonFrame, gpu: &Gpu, report: &mut Report) -> Result<()> {
-    report.estimator = Some(frame.estimator);
+    report.estimator = Some(frame.field.name());
     report.photons = frame.scene.lights.photons.into();
     report.max_events = frame.map.max_events;
     report.segments = frame.segments.count();
@@ -138,15 +137,8 @@ fn fill(frame: &PhotonFrame, gpu: &Gpu, report: &mut Report) -> Result<()> {
         ("journal", lists.journal),
         ("segment lists", lists.segments),
     ]);
-    match &frame.field {
-        LightField::Points(points) => {
-            report.radius_mm = Some(points.radius);
-            report.bytes.push(("points", points.bytes()));
-        }
-        LightField::Fluence(fluence) => {
-            report.grid = Some(fluence.grid);
-            report.bytes.push(("fluence", fluence.bytes()));
-        }
-    }
+    report.radius_mm = frame.field.radius();
+    report.grid = frame.field.grid();
+    report.bytes.push(("light field", frame.field.bytes()));
     Ok(())
 }

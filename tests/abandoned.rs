@@ -7,7 +7,6 @@ use common::gpu;
 use common::snapshot::{difference, snapshot};
 use common::world::{frame, update, world};
 use glam::DVec3;
-use photogram::field::LightField;
 use photogram::gpu::Progress;
 use photogram::history::Query;
 use photogram::scene::{CameraPlace, Estimator, Filter, Scene, Weighting};
@@ -62,9 +61,10 @@ fn an_abandoned_update_leaves_nothing_behind() {
         for (at, stays) in (0..boundaries.len()).flat_map(|n| [(n, false), (n, true)]) {
             let mut frame = frame(&home, &volume, &split);
             assert_eq!(abandon(&mut frame, &first, &split, at), boundaries[..=at]);
-            if let LightField::Fluence(fluence) = &frame.field {
+            if let Some(fluence) = frame.field.fluence() {
                 let moved = frame.counts(gpu()).expect("reads").deposits > 0;
-                half_moved += u64::from(moved && fluence.current && boundaries[at] == "photons");
+                half_moved +=
+                    u64::from(moved && fluence.is_current() && boundaries[at] == "photons");
             }
             let mut second = if stays { first.clone() } else { home.clone() };
             second.materials[2].extinction = 0.7;
@@ -141,7 +141,7 @@ fn an_edit_after_one_that_failed_has_its_own_kernels() {
         let (scene, volume) = world(estimator, Weighting::Even, Filter::Linear);
         let mut frame = frame(&scene, &volume, &Split::default());
         let good = edit(&scene);
-        let (table, lights) = (frame.scene.table_of(&good), frame.scene.lights);
+        let (table, lights) = (frame.scene.table_of(&good).expect("settled"), frame.scene.lights);
         frame.scene.edit(gpu(), table, lights, &Query::default()).expect("taken");
         frame.edit(gpu(), &good, &Split::default()).expect("applies");
         frame.rebuild(gpu(), &Split::default(), &mut Progress::silent()).expect("rebuilds");

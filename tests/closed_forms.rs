@@ -8,7 +8,6 @@ use std::f64::consts::PI;
 use common::{Judged, gauss, gpu, rendered, scene_over};
 use glam::{DMat3, DVec3, dvec3};
 use photogram::device_scene::DeviceScene;
-use photogram::field::LightField;
 use photogram::film::Image;
 use photogram::gpu::Progress;
 use photogram::reference::Reference;
@@ -438,17 +437,16 @@ fn a_gather_sums_every_point_within_the_radius_and_no_other() {
         (settings.photons, settings.max_events, settings.radius) = (4000, 3, Some(radius));
         scene.settle(&volume);
         let device = DeviceScene::new(gpu(), &scene, &volume).expect("uploads");
-        let mut frame =
-            PhotonFrame::new(gpu(), &scene, device, 1, &Split::default()).expect("fits");
+        let mut frame = PhotonFrame::new(gpu(), &scene, device, &Split::default()).expect("fits");
         frame.rebuild(gpu(), &Split::default(), &mut Progress::silent()).expect("rebuilds");
-        let LightField::Points(points) = &frame.field else { panic!("points were asked for") };
+        let points = frame.field.points().expect("points were asked for");
         let float = |word: u32| f64::from(f32::from_bits(word));
         let table = points.read(gpu()).expect("reads").swap_remove(0);
         let points = table.places.iter().zip(&table.lights).map(|(place, light)| {
             (dvec3(float(place[0]), float(place[1]), float(place[2])), f64::from(light[0]))
         });
         let points: Vec<_> = points.collect();
-        let march = (0.09, f64::from(frame.scene.frame.step), radius);
+        let march = (0.09, f64::from(frame.scene.params.step), radius);
         let image = frame.segments.image(gpu()).expect("reads");
         let mut lit = 0;
         for ((x, y), seen) in pixels().zip(&image.rgb) {

@@ -8,7 +8,6 @@ use common::gpu;
 use common::oracle::Oracle;
 use common::snapshot::snapshot;
 use common::world::{CLASSES, Dice, frame, random_edit, random_world, update, world};
-use photogram::field::LightField;
 use photogram::field::points::Points;
 use photogram::scene::{Estimator, Filter, LightKind, Weighting};
 use photogram::split::Split;
@@ -35,7 +34,7 @@ fn histories_contain_what_was_relied_on() {
                 "{estimator}, {filter}, after {edit} edits: {found:?}"
             );
             assert!(found.relied_on.iter().all(|&n| n > 200), "{estimator}, {filter}: {found:?}");
-            if let LightField::Points(points) = &frame.field {
+            if let Some(points) = frame.field.points() {
                 let means = means(points);
                 let found =
                     Oracle::new(&volume, &scene, &frame).judge_means(&means, points.radius.into());
@@ -106,7 +105,7 @@ fn means(points: &Points) -> Vec<([u32; 4], u64)> {
 fn means_of_others_are_seen() {
     let (scene, volume) = world(Estimator::Points, Weighting::Even, Filter::Linear);
     let frame = frame(&scene, &volume, &Split::default());
-    let LightField::Points(points) = &frame.field else { panic!("asked for points") };
+    let points = frame.field.points().expect("points were asked for");
     let oracle = Oracle::new(&volume, &scene, &frame);
     let (whole, radius) = (means(points), points.radius.into());
     let judged = oracle.judge_means(&whole, radius);

@@ -15,16 +15,20 @@ use wgpu::naga::valid::{Capabilities, ValidationFlags, Validator};
 use wgpu::naga::{AddressSpace, Module, StorageAccess, TypeInner};
 
 const LAYOUTS: &[Layout] = &[
-    device_scene::Frame::LAYOUT,
+    device_scene::SceneParams::LAYOUT,
+    device_scene::Shading::LAYOUT,
     device_scene::Optics::LAYOUT,
     device_scene::CellLayers::LAYOUT,
     device_scene::CellRange::LAYOUT,
     device_scene::lights::Light::LAYOUT,
     device_scene::lights::Lights::LAYOUT,
     photon::PhotonParams::LAYOUT,
+    photon::SlotMarks::LAYOUT,
     field::fluence::ResolveParams::LAYOUT,
+    field::fluence::DepositParams::LAYOUT,
     field::fluence::FluenceParams::LAYOUT,
     field::points::PointsParams::LAYOUT,
+    field::points::Origin::LAYOUT,
     segment::SegmentParams::LAYOUT,
     composite::CompositeParams::LAYOUT,
     reference::ReferenceParams::LAYOUT,
@@ -87,7 +91,8 @@ fn every_permutation_validates_within_the_limits_of_webgpu() {
         let storage = module.global_variables.iter().filter(|(_, v)| {
             matches!(v.space, AddressSpace::Storage { access } if access.contains(StorageAccess::LOAD))
         });
-        assert!(storage.count() <= 8, "{name} {on:?} binds more than 8 storage buffers");
+        // One is to spare: WebGPU allows 8.
+        assert!(storage.count() <= 7, "{name} {on:?} binds more than 7 storage buffers");
     });
 }
 

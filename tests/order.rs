@@ -92,7 +92,7 @@ fn updates_in_slices_leave_what_a_rebuild_leaves() {
     for (label, mut scene, volume) in scenes() {
         scene.settings.rays = 1;
         let device = DeviceScene::new(&hasty, &scene, &volume).expect("uploads");
-        let mut frame = PhotonFrame::new(&hasty, &scene, device, 1, &plain).expect("fits");
+        let mut frame = PhotonFrame::new(&hasty, &scene, device, &plain).expect("fits");
         let silent = &mut Progress::silent();
         frame.rebuild(&hasty, &plain, silent).expect("rebuilds");
         hasty.take_timings().expect("a clock");

@@ -11,7 +11,7 @@ use photogram::device_scene::DeviceScene;
 use photogram::film::Image;
 use photogram::film::metrics::Metrics;
 use photogram::gpu::Progress;
-use photogram::scene::{Estimator, Method, Scene, Settings, Weighting};
+use photogram::scene::{Estimator, Method, Scene, Weighting};
 use photogram::split::Split;
 use photogram::update::PhotonFrame;
 use photogram::volume::Volume;
@@ -36,7 +36,7 @@ const STEP: f64 = 0.25;
 /// Photons that were traced once, and what the estimators make of them.
 struct Traced {
     frame: PhotonFrame,
-    settings: Settings,
+    scene: Scene,
 }
 
 impl Traced {
@@ -45,16 +45,16 @@ impl Traced {
         (scene.settings.photons, scene.settings.rays) = (photons, 4);
         (scene.settings.step, scene.settings.estimator) = (step, Some(Estimator::Points));
         let device = DeviceScene::new(gpu(), &scene, volume).expect("uploads");
-        let frame = PhotonFrame::new(gpu(), &scene, device, 4, &Split::default()).expect("fits");
-        Self { frame, settings: scene.settings }
+        let frame = PhotonFrame::new(gpu(), &scene, device, &Split::default()).expect("fits");
+        Self { frame, scene }
     }
 
     fn image(&mut self, estimator: (Estimator, Weighting), size: f64) -> Image {
-        let settings = &mut self.settings;
+        let settings = &mut self.scene.settings;
         (settings.estimator, settings.weighting) = (Some(estimator.0), estimator.1);
         (settings.radius, settings.grid) = (Some(size), size.min(1.0));
         let (split, progress) = (Split::default(), &mut Progress::silent());
-        self.frame.estimate(gpu(), settings, &split).expect("it suits");
+        self.frame.edit(gpu(), &self.scene, &split).expect("it suits");
         self.frame.update(gpu(), &split, progress).expect("updates");
         self.frame.segments.image(gpu()).expect("reads")
     }

@@ -4,7 +4,6 @@ mod common;
 
 use common::gpu;
 use common::world::{frame, update, world};
-use photogram::field::LightField;
 use photogram::field::points::Contents;
 use photogram::measure::compare;
 use photogram::scene::{Estimator, Filter, Scene, Weighting};
@@ -27,9 +26,9 @@ struct Grid {
 
 impl Grid {
     fn of(frame: &PhotonFrame) -> Self {
-        let LightField::Points(points) = &frame.field else { panic!("asked for points") };
+        let points = frame.field.points().expect("points were asked for");
         let radius = points.radius;
-        let cells = frame.scene.frame.extent.map(|e| (e / radius).ceil() as u32);
+        let cells = frame.scene.params.extent.map(|e| (e / radius).ceil() as u32);
         let each = cells.iter().product::<u32>().div_ceil(MOST).next_power_of_two();
         Self { radius, cells, each }
     }
@@ -87,7 +86,7 @@ fn fault(tables: &[Contents], expected: &[[u32; 4]], grid: &Grid) -> Option<&'st
 }
 
 fn check(frame: &PhotonFrame, what: &str) {
-    let LightField::Points(points) = &frame.field else { panic!("asked for points") };
+    let points = frame.field.points().expect("points were asked for");
     let tables = points.read(gpu()).expect("reads");
     assert_eq!(fault(&tables, &interactions(frame), &Grid::of(frame)), None, "{what}");
     assert!(points.count() > 100, "{what}: few points");
@@ -113,7 +112,7 @@ fn tables_have_all_interactions_in_the_buckets_of_a_sort() {
             let mut frame = frame(&scene, &volume, &split);
             check(&frame, how);
             assert_eq!(Grid::of(&frame).each > 1, radius == least, "{how}");
-            let LightField::Points(points) = &frame.field else { panic!("asked for points") };
+            let points = frame.field.points().expect("points were asked for");
             assert_eq!(points.tables(), tables, "{how}");
             let home = scene.clone();
             let mut edit = |scene: &Scene, what: &str| {
@@ -144,12 +143,12 @@ fn points_that_differ_are_counted() {
     let (scene, volume) = world(Estimator::Points, Weighting::Plain, Filter::Linear);
     let [one, again] = [(); 2].map(|()| frame(&scene, &volume, &Split::default()));
     assert_eq!(compare(gpu(), &one, &again).expect("reads").field_mismatches, 0);
-    let LightField::Points(points) = &one.field else { panic!("asked for points") };
+    let points = one.field.points().expect("points were asked for");
     let all = points.sorted(gpu()).expect("reads");
     let mut brighter = scene.clone();
     brighter.materials[1].colour *= 0.5;
     let brighter = frame(&brighter, &volume, &Split::default());
-    let LightField::Points(points) = &brighter.field else { panic!("asked for points") };
+    let points = brighter.field.points().expect("points were asked for");
     let others = points.sorted(gpu()).expect("reads");
     let differ = all.iter().filter(|point| !others.contains(point)).count() as u64;
     assert!(differ > 0 && differ < all.len() as u64);
@@ -162,7 +161,7 @@ fn a_point_or_a_bucket_elsewhere_is_seen() {
     let (mut scene, volume) = world(Estimator::Points, Weighting::Even, Filter::Linear);
     scene.settings.radius = Some(RADII[0].into());
     let frame = frame(&scene, &volume, &Split::default());
-    let LightField::Points(points) = &frame.field else { panic!("asked for points") };
+    let points = frame.field.points().expect("points were asked for");
     let (expected, grid) = (interactions(&frame), Grid::of(&frame));
     let read = || points.read(gpu()).expect("reads");
     let mut swapped = read();

@@ -6,14 +6,15 @@ use std::mem::offset_of;
 
 use common::{gpu, truth_scene};
 use photogram::bits::hash;
-use photogram::device_scene::DeviceScene;
+use photogram::device_scene::{Context, DeviceScene};
 use photogram::field::dirty::Dirty;
 use photogram::gpu::Progress;
 use photogram::gpu::counter::{COUNTER_STRIPES, CounterBuffer, Counters};
+use photogram::gpu::run::Bytes;
 use photogram::gpu::scan::Scanner;
 use photogram::gpu::work::WorkList;
 use photogram::scene::Spatial;
-use photogram::segment::SegmentStage;
+use photogram::segment::Sources;
 use photogram::split::Split;
 use photogram::update::PhotonFrame;
 
@@ -131,7 +132,7 @@ fn a_rank_is_how_many_are_marked_in_the_words_before() {
 fn writes_wait_for_what_was_recorded_before() {
     let (from, to) = (uploaded(&[1; 64]), uploaded(&[0; 64]));
     let mut stage = gpu().stage("copy");
-    stage.copy((&from, 0..from.size()), (&to, 0));
+    stage.copy(Bytes::all(&from), &to, 0);
     stage.finish().expect("it records");
     gpu().write(&from, &[2_u32; 64]);
     assert_eq!(fetched(&to), [1; 64]);
@@ -145,16 +146,17 @@ fn counts_carry_into_the_upper_words() {
     let (mut scene, volume) = truth_scene("ball_single");
     (scene.camera.width, scene.camera.height, scene.settings.photons) = (16, 16, 100);
     let device = DeviceScene::new(gpu(), &scene, &volume).expect("uploads");
-    let mut frame = PhotonFrame::new(gpu(), &scene, device, 1, &Split::default()).expect("fits");
+    let mut frame = PhotonFrame::new(gpu(), &scene, device, &Split::default()).expect("fits");
     frame.rebuild(gpu(), &Split::default(), &mut Progress::silent()).expect("rebuilds");
     let PhotonFrame { scene: device, field, segments, .. } = &mut frame;
     let dirty = Dirty::new(gpu(), device, 0.0, Spatial::Exact).expect("fits");
     let mut counted = |counters: &CounterBuffer| {
         let before = counters.read(gpu()).expect("reads").samples;
-        let stage = SegmentStage { gpu: gpu(), device, field, dirty: &dirty, counters };
+        let cx = Context { gpu: gpu(), scene: device, counters };
+        let from = Sources { field: &**field, dirty: &dirty };
         segments.restart();
         let silent = &mut Progress::silent();
-        segments.update(&stage, u64::MAX, &Split::default(), silent).expect("computes");
+        segments.update(cx, from, u64::MAX, &Split::default(), silent).expect("computes");
         counters.read(gpu()).expect("reads").samples - before
     };
     let counters = CounterBuffer::new(gpu()).expect("fits");

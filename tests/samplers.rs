@@ -5,8 +5,7 @@ mod common;
 use common::draws::{CAMERA, DRAWS, about, bin, draws, judge_uniform, put, vector};
 use common::{Judged, gpu, scene_over};
 use glam::{DMat3, DVec3, dvec3};
-use photogram::device_scene::DeviceScene;
-use photogram::history::{Bins, MARK_CLASSES};
+use photogram::device_scene::{DeviceScene, Storage};
 use photogram::photon::probe::{ProbeParams, What, draw};
 use photogram::scene::{Filter, LightKind, Scene};
 use photogram::volume::texture::MAX_SQUARES;
@@ -203,9 +202,9 @@ fn flights_read_the_values_between_voxels_however_these_lie_on_the_device() {
         let scene =
             scene_over(&volume, &format!("{CAMERA}[[material]]\nname = \"all\"\n{material}"));
         for squares in [MAX_SQUARES, 0] {
-            let bins = Bins::uniform(MARK_CLASSES);
-            let device =
-                DeviceScene::with(gpu(), &scene, &volume, (bins, squares)).expect("uploads");
+            let storage = Storage { max_squares: squares, ..Default::default() };
+            let device = DeviceScene::stored(gpu(), &scene, &volume, &storage).expect("uploads");
+            let map = device.domain.map(&volume.numbers());
             let (origin, direction) = (dvec3(0.1, 0.2, 0.3), dvec3(8.8, 6.7, 4.6).normalize());
             for (origin, direction) in [(origin, direction), (dvec3(9.0, 6.9, 4.9), -direction)] {
                 let params = ProbeParams {
@@ -222,8 +221,8 @@ fn flights_read_the_values_between_voxels_however_these_lie_on_the_device() {
                     }
                     collisions += 1;
                     let at = origin + direction * f64::from(*distance);
-                    let seen = 4096.0 * between_voxels(&volume, at);
-                    let off = (f64::from(*entry) + 0.5 - seen).abs();
+                    let seen = f64::from(map.gain) * between_voxels(&volume, at);
+                    let off = (f64::from(*entry) + 0.5 - seen - f64::from(map.shift)).abs();
                     assert!(off < 1.0, "entry {entry} of {seen} at {at}, squares {squares}");
                 }
                 assert!(collisions > 1000, "{collisions} collisions");
@@ -232,7 +231,7 @@ fn flights_read_the_values_between_voxels_however_these_lie_on_the_device() {
     }
 }
 
-/// The value at a point, in [0, 1], linear between the centres of voxels of 1 mm.
+/// The number at a point, linear between the centres of voxels of 1 mm.
 fn between_voxels(volume: &Volume, at: DVec3) -> f64 {
     let last = volume.size().map(|n| f64::from(n - 1));
     let at = (at - 0.5).to_array();
@@ -245,7 +244,7 @@ fn between_voxels(volume: &Volume, at: DVec3) -> f64 {
             if beyond[axis] == 1.0 { part } else { 1.0 - part }
         };
         let voxel = |axis: usize| (base[axis] + beyond[axis]).clamp(0.0, last[axis]) as u32;
-        let number = f64::from(volume.unit(voxel(0), voxel(1), voxel(2)));
+        let number = f64::from(volume.number(voxel(0), voxel(1), voxel(2)));
         value += number * weight(0) * weight(1) * weight(2);
     }
     value

@@ -10,7 +10,7 @@ use photogram::scene::{
     CameraPlace, Changes, Curve, Edit, Estimator, Filter, LightChange, LightKind, Material,
     MaterialChange, Method, Scene, VolumeSource, Weighting, preset,
 };
-use photogram::transfer::{PRESETS, Table};
+use photogram::transfer::{Domain, PRESETS, Table};
 use photogram::volume::Volume;
 use serde_json::Value;
 
@@ -384,7 +384,7 @@ fn placement_fits_the_volume_and_freezes_the_scale() -> Result<()> {
     assert!((unit / flux - 1.0).abs() < 1e-12);
     // The edit's bone of 3 per mm, where the ramp is at its height of these data.
     let edited = scene.edited("everything")?;
-    let table = Table::build(&edited.materials, volume.range(), None);
+    let table = Table::build(&edited.materials, &scene.domain(&volume), None);
     assert_eq!(scene.settings.majorant, Some(table.max_extinction().into()));
 
     let mut dense = full();
@@ -405,7 +405,7 @@ fn presets_are_sound() -> Result<()> {
         let m = preset(name)?;
         assert_eq!(m.name, name);
         assert!(m.extinction > 0.0 && m.ramp.len() >= 2, "{name}");
-        let table = Table::build(&[m], [-1024.0, 3071.0], None);
+        let table = Table::build(&[m], &Domain::over([-1024.0, 3071.0]), None);
         assert!(table.max_extinction() > 0.0, "{name} is found in a CT");
     }
     let unknown = preset("ct-teeth").expect_err("no such preset").to_string();

@@ -9,11 +9,12 @@ use common::gpu;
 use common::snapshot::{Snapshot, difference, rebuild, snapshot};
 use common::world::{CLASSES, Dice, frame, random_edit, random_world, update, world};
 use glam::DVec3;
-use photogram::field::LightField;
+use photogram::device_scene::Context;
+use photogram::field::fluence::Deposit;
 use photogram::gpu::GROUP;
 use photogram::gpu::Progress;
 use photogram::gpu::counter::CounterBuffer;
-use photogram::photon::PhotonParams;
+use photogram::photon::Flights;
 use photogram::scene::{Estimator, Filter, Scene, Weighting};
 use photogram::split::Split;
 use photogram::update::{PhotonFrame, Scope, Updated};
@@ -121,8 +122,8 @@ struct Coverage {
     fields: [u64; 2],
     /// Edits whose update was abandoned.
     abandoned: u64,
-    /// Edits that touched nothing, a part, everything.
-    scopes: [u64; 3],
+    /// Edits that touched nothing, a part, everything, or had settings changed.
+    scopes: [u64; 4],
     invalid: u64,
     reweighed: u64,
     changed: u64,
@@ -159,6 +160,7 @@ impl Coverage {
             Scope::Nothing => 0,
             Scope::Part => 1,
             Scope::Everything(_) => 2,
+            Scope::Anew(_) => 3,
         }] += 1;
         if scope == Scope::Part {
             self.invalid += done.counts.invalid;
@@ -179,18 +181,18 @@ impl Coverage {
             let many = u64::from(GROUP * bands);
             self.long_lists[1] += u64::from(looked_for && done.recomputed > many);
             let upper = |s: &Snapshot| -> Vec<[u32; 3]> {
-                match &frame.field {
-                    LightField::Fluence(_) => s.field.iter().map(|c| [c[1], c[3], c[5]]).collect(),
-                    LightField::Points(_) => s.segments.iter().map(|c| [c[6], c[7], 0]).collect(),
+                match frame.field.estimator() {
+                    Estimator::Fluence => s.field.iter().map(|c| [c[1], c[3], c[5]]).collect(),
+                    Estimator::Points => s.segments.iter().map(|c| [c[6], c[7], 0]).collect(),
                 }
             };
             let carries = upper(before) != upper(now);
-            match &frame.field {
-                LightField::Fluence(_) => {
+            match frame.field.estimator() {
+                Estimator::Fluence => {
                     // Flights of so few are not summed anew.
                     self.carried[0] += u64::from(carries && 2 * done.listed <= done.photons);
                 }
-                LightField::Points(_) => {
+                Estimator::Points => {
                     let alone = done.corrected > 0 && done.recomputed == done.corrected;
                     self.carried[1] += u64::from(carries && alone);
                 }
@@ -199,7 +201,7 @@ impl Coverage {
         if scope == Scope::Nothing {
             return;
         }
-        let which = matches!(frame.field, LightField::Points(_));
+        let which = frame.field.estimator() == Estimator::Points;
         self.fields[usize::from(which)] += 1;
         for [_, state] in &now.slots {
             self.slots[(state[1] >> 30) as usize] += 1;
@@ -209,7 +211,7 @@ impl Coverage {
             self.segments[usize::from(passed < 1.0) + usize::from(passed == 0.0)] += 1;
         }
         self.batches += u64::from(frame.map.batches.iter().any(|b| b.first_index > 0));
-        if let LightField::Points(points) = &frame.field {
+        if let Some(points) = frame.field.points() {
             self.tables[0] += u64::from(points.tables() > 1);
             self.tables[1] += u64::from(points.tables() < frame.map.batches.len());
         }
@@ -302,13 +304,13 @@ fn deposits_left_behind_turn_it_red() {
     let (mut scene, volume) = world(Estimator::Fluence, Weighting::Even, Filter::Linear);
     for photons in [0, 10] {
         let mut frame = frame(&scene, &volume, &Split::default());
-        let LightField::Fluence(fluence) = &frame.field else { panic!("asked for fluence") };
+        let fluence = frame.field.fluence().expect("fluence was asked for");
         let batch = &frame.map.batches[0];
-        let params = PhotonParams { listed: photons, ..frame.map.params(batch) };
-        let flights = (params, frame.map.live_bindings(batch));
+        let flights = Flights { listed: photons, ..frame.map.flights(batch) };
         let counters = CounterBuffer::new(gpu()).expect("fits");
         let silent = &mut Progress::silent();
-        fluence.deposit(gpu(), &frame.scene, flights, &counters, silent).expect("deposits");
+        let cx = Context { gpu: gpu(), scene: &frame.scene, counters: &counters };
+        fluence.deposit(cx, flights, Deposit::Add, silent).expect("deposits");
         scene.materials[1].extinction *= 0.9;
         update(&mut frame, &scene, &Split::default());
         let expected = if photons == 0 { None } else { Some("light field") };
@@ -328,8 +330,7 @@ fn points_left_behind_turn_it_red() {
     let progress = &mut Progress::until(&mut lit);
     let done = frame.update(gpu(), &Split::default(), progress).expect("updates");
     assert!(!done.finished);
-    let LightField::Points(points) = &mut frame.field else { panic!("asked for points") };
-    points.settle();
+    frame.field.all_seen();
     frame.update(gpu(), &Split::default(), &mut Progress::silent()).expect("updates");
     assert_eq!(difference(&frame, &scene, &volume), Some("segments"));
 }

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use files::{COUNT, Folder, Nifti, SIZE, cases, gzip, nrrd_file, nrrd_header, ramp};
 use glam::{DMat3, DVec3};
-use photogram::volume::{Elements, Values, Volume, Voxels, load, nrrd, phantom};
+use photogram::volume::{Elements, Numbers, Values, Volume, Voxels, load, nrrd, phantom};
 
 #[path = "volumes/files.rs"]
 mod files;
@@ -77,13 +77,16 @@ fn units_and_flat_data() {
         Volume::new([2, 1, 1], DVec3::ONE, DMat3::IDENTITY, DVec3::ZERO, values).unwrap()
     };
     let flat = new(vec![7.5f32; 2].into());
-    assert_eq!((flat.range(), flat.gain(), flat.unit(1, 0, 0)), ([7.5, 7.5], 0.0, 0.0));
+    assert_eq!((flat.range(), flat.number(1, 0, 0)), ([7.5, 7.5], 0.0));
     let flat = new(vec![-3i8; 2].into());
-    assert_eq!((flat.range(), flat.gain(), flat.value(1, 0, 0)), ([-3.0, -3.0], 0.0, -3.0));
+    assert_eq!((flat.range(), flat.numbers().span, flat.value(1, 0, 0)), ([-3.0, -3.0], 0.0, -3.0));
     let full = new(vec![u16::MAX, 0].into());
-    assert_eq!(full.gain(), 1.0 / 65535.0);
-    let floats = new(vec![-1.0f32, 3.0].into());
-    assert_eq!((floats.gain(), floats.unit(0, 0, 0), floats.unit(1, 0, 0)), (0.25, 0.0, 1.0));
+    let numbers = Numbers { least: 0.0, step: 1.0, span: 65535.0, are_whole: true };
+    assert_eq!((full.numbers(), full.number(0, 0, 0)), (numbers, 65535.0));
+    let floats = new(vec![-1.0f32, 2.5].into());
+    let numbers = Numbers { least: -1.0, step: 1.0, span: 3.5, are_whole: false };
+    assert_eq!((floats.numbers(), floats.number(0, 0, 0)), (numbers, 0.0));
+    assert!(new(vec![-1.0f32, 2.0].into()).numbers().are_few());
 }
 
 #[test]

@@ -21,6 +21,7 @@ const STEPS: u32 = 12u;        // macro-cells that flights entered
 const MOVED: u32 = 13u;        // slots that came, went or are elsewhere
 const REPOWERED: u32 = 14u;    // slots where they were, of another power
 const REFRESHED: u32 = 15u;    // means and lights found again for points that the table had
+const WOKEN: u32 = 16u;        // photons that had ended and would go on
 
 @group(0) @binding(7) var<storage, read_write> counters: array<atomic<u32>>;
 

@@ -18,7 +18,7 @@
 import package::shared::counter::expect;
 import package::shared::random::{pcg4d, unit, exponential};
 import package::shared::scene::{
-    frame, optics, cell_layers, entry_at, bin_of, bin_bit, cell_index
+    scene, optics_of, layers_of, entry_at, bin_of, bin_bit, cell_index
 };
 import package::constants::LAYERS;
 import package::shared::slot::power_of_two;
@@ -48,17 +48,17 @@ fn nothing_known() -> Known {
 
 fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>, known: Known) -> Flight {
     let l = line(origin, direction);
-    let leave = inside(l, frame.extent).y;
+    let leave = inside(l, scene.extent).y;
     var result = Flight(max(leave, 0.0), 0u, false, false, known.history, 0u, 0u);
-    let values = ~(frame.mark_classes - 1u);
+    let values = ~(scene.mark_classes - 1u);
     var t_in = 0.0;
     var arrived = false;
-    var w = walk_begin(l, 0.0, frame.cell_mm, frame.cells);
+    var w = walk_begin(l, 0.0, scene.cell_mm, scene.cells);
     loop {
         var t_out = min(walk_leave(w), leave);
         let cell = cell_index(w.cell);
         result.steps++;
-        let here = cell_layers[cell];
+        let here = layers_of(cell);
         var level = 0u;
         @if(skip) { level = here.first; }
         var layers = ((1u << LAYERS) - 1u) & ~((1u << level) - 1u);
@@ -75,20 +75,20 @@ fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>, known: Known) ->
             let last = layer == LAYERS - 1u;
             let width = power_of_two(-i32(select(layer + 1u, layer, last)));
             let floor_of_marks = select(width, 0.0, last);
-            let mark_class = layer * frame.mark_classes / LAYERS;
+            let mark_class = layer * scene.mark_classes / LAYERS;
             var t = t_in;
             var over = false;
             for (var j = 0u; ; j++) {
                 let words = pcg4d(vec4<u32>(key, cell * LAYERS + layer, j));
-                t += exponential(unit(words.x)) / (frame.majorant * width);
+                t += exponential(unit(words.x)) / (scene.majorant * width);
                 over = t >= t_out;
                 if over { break; }
                 result.tentative++;
                 let entry = entry_at(origin + direction * t);
-                let o = optics[entry];
+                let o = optics_of(entry);
                 @if(history) { result.history |= bin_bit((bin_of(entry) & values) | mark_class); }
                 let mark = floor_of_marks + unit(words.y) * width;
-                if mark * frame.majorant < o.extinction {
+                if mark * scene.majorant < o.extinction {
                     // The first real collision of this layer; another may still be nearer.
                     t_out = t;
                     result.distance = t;
@@ -104,7 +104,7 @@ fn fly(origin: vec3<f32>, direction: vec3<f32>, key: vec2<u32>, known: Known) ->
         arrived = result.collided || result.stands;
         if arrived { break; }
         t_in = max(t_out, t_in);
-        arrived = t_out >= leave || !walk_step(&w, l, frame.cell_mm, frame.cells);
+        arrived = t_out >= leave || !walk_step(&w, l, scene.cell_mm, scene.cells);
         if arrived { break; }
     }
     expect(arrived);

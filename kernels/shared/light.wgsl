@@ -9,7 +9,7 @@ import package::constants::{
 };
 import package::shared::phase::{PI, cosine_around, uniform_direction};
 import package::shared::random::{draw, unit4, FOR_EMISSION, FOR_EMISSION_AIM};
-import package::shared::scene::frame;
+import package::shared::scene::scene;
 
 struct Light {
     radiance: vec3<f32>,   // W/sr (point), W/mm2 (directional), W/sr/mm2 (the others)
@@ -42,7 +42,7 @@ struct Emission {
 
 // Area of the bounds' faces across each axis.
 fn face_areas() -> vec3<f32> {
-    return frame.extent.yzx * frame.extent.zxy;
+    return scene.extent.yzx * scene.extent.zxy;
 }
 
 // Chooses an axis with the given weights; returns it with its probability.
@@ -68,8 +68,8 @@ fn on_face(axis: u32, level: f32, u: vec2<f32>) -> vec3<f32> {
     let b = (axis + 2u) % 3u;
     var point = vec3<f32>(0.0);
     point[axis] = level;
-    point[a] = u.x * frame.extent[a];
-    point[b] = u.y * frame.extent[b];
+    point[a] = u.x * scene.extent[a];
+    point[b] = u.y * scene.extent[b];
     return point;
 }
 
@@ -84,11 +84,11 @@ struct Aim {
 // by about their solid angle, points uniformly by area: exact at any distance.
 fn aim_at_bounds(source: vec3<f32>, u: vec3<f32>) -> Aim {
     let below = source < vec3<f32>(0.0);
-    let above = source > frame.extent;
+    let above = source > scene.extent;
     if !any(below | above) {
         return Aim(source, uniform_direction(u.xy), 4.0 * PI, true);
     }
-    let level = select(vec3<f32>(0.0), frame.extent, above);
+    let level = select(vec3<f32>(0.0), scene.extent, above);
     let height = select(vec3<f32>(0.0), abs(source - level), below | above);
     let areas = face_areas();
     var weights = vec3<f32>(0.0);
@@ -131,7 +131,7 @@ fn emit(which: u32, index: u32) -> Emission {
         case LIGHT_DIRECTIONAL: {
             let weights = face_areas() * abs(light.direction);
             let face = choose(weights, v.z);
-            let level = select(frame.extent[face.axis], 0.0, light.direction[face.axis] > 0.0);
+            let level = select(scene.extent[face.axis], 0.0, light.direction[face.axis] > 0.0);
             let across = weights.x + weights.y + weights.z;
             return Emission(on_face(face.axis, level, v.xy), light.direction, share * across);
         }
@@ -141,7 +141,7 @@ fn emit(which: u32, index: u32) -> Emission {
             let high = v.w >= 0.5;
             var inward = vec3<f32>(0.0);
             inward[face.axis] = select(1.0, -1.0, high);
-            let level = select(0.0, frame.extent[face.axis], high);
+            let level = select(0.0, scene.extent[face.axis], high);
             let all_faces = 2.0 * (areas.x + areas.y + areas.z);
             let direction = cosine_around(inward, u.xy);
             return Emission(on_face(face.axis, level, v.xy), direction, share * PI * all_faces);

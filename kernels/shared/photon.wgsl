@@ -3,7 +3,7 @@
 import package::shared::light::lights;
 import package::shared::phase::{uniform_direction, sample_phase};
 import package::shared::random::{draw, unit, unit4, FOR_SCATTER};
-import package::shared::scene::{optics, scattering};
+import package::shared::scene::{optics_of, shading};
 import package::constants::CHANGE_FALLEN;
 import package::shared::slot::{
     Slot, INTERACTION, slot_kind, slot_entry, unpack_direction, pack_direction, scaled_power
@@ -20,17 +20,15 @@ struct PhotonParams {
     listed: u32,
     roulette_from: u32,    // first event after which the roulette runs
     roulette_survival: f32,
-    scale: f32,            // of integer sums
-    sign: i32,             // 1 adds, -1 takes out, 0 does both
-    grid: vec3<u32>,       // cells of the light field
-    journal: u32,          // photons that the journal holds; 0: the slots are the live ones
+    journal_photons: u32,  // photons that the journal holds
+    restores: u32,         // 1: what the journal holds goes back to the slots
     risen: vec2<u32>,      // bins where a flight may be stopped that was not
     first_event: u32,      // the window of events that a dispatch traces, from where each photon
     stop_event: u32,       // resumes
     relit: u32,            // 1: the light's power changed
     roulette_gain: u32,    // 1 / roulette_survival: this / 2^18 * 2^doublings
     roulette_doublings: i32,
-    chosen: u32,           // 1: of the part only the chosen photons
+    pad: u32,
 }
 
 // What is to be done with a photon: from `touched` on its power is found again; from
@@ -53,20 +51,20 @@ fn unpack_task(word: u32) -> Task {
 // Whether an edit may have changed a flight: where extinction rose it may be stopped, its
 // history tells; where it fell only those that interacted there fly on, H(10).
 fn is_invalid(state: vec4<u32>, risen: vec2<u32>) -> bool {
-    let fallen = optics[slot_entry(state)].changes & CHANGE_FALLEN;
+    let fallen = optics_of(slot_entry(state)).changes & CHANGE_FALLEN;
     return any((state.zw & risen) != vec2<u32>(0u))
         || (slot_kind(state) == INTERACTION && fallen != 0u);
 }
 
-// A photon's own random stream and index, known by its light, whatever the batch.
+// A photon's own random stream and its index among those of its light, whatever the batch.
 struct Identity {
     light: u32,
     stream: u32,
     index: u32,
 }
 
-fn identify(params: PhotonParams, photon: u32) -> Identity {
-    return Identity(params.light, lights.all[params.light].stream, params.first_index + photon);
+fn identify(light: u32, index: u32) -> Identity {
+    return Identity(light, lights.all[light].stream, index);
 }
 
 // Implicit capture: the weight takes the albedo; past a given event a roulette with a
@@ -79,7 +77,7 @@ fn weigh(
     params: PhotonParams,
 ) -> vec2<u32> {
     // Exact products and one rounding each, whatever the compiler makes of them.
-    let albedo = vec3<u32>(min(scattering[entry].rgb, vec3<f32>(1.0)) * 262144.0 + 0.5);
+    let albedo = vec3<u32>(min(shading[entry].albedo, vec3<f32>(1.0)) * 262144.0 + 0.5);
     let power = scaled_power(arriving, albedo, 0);
     if event < params.roulette_from { return power; }
     let survives = unit(draw(id.stream, id.index, event, FOR_SCATTER).z) < params.roulette_survival;
@@ -90,7 +88,7 @@ fn weigh(
 // Where an interaction sends the photon, packed.
 fn turn(id: Identity, event: u32, slot: Slot) -> u32 {
     let u = unit4(draw(id.stream, id.index, event, FOR_SCATTER)).xy;
-    let g = scattering[slot.entry].a;
+    let g = shading[slot.entry].phase_g;
     @if(anisotropic) let direction = sample_phase(g, unpack_direction(slot.direction), u);
     @if(!anisotropic) let direction = uniform_direction(u);
     return pack_direction(direction);

@@ -10,9 +10,9 @@ struct PointsParams {
     radius: f32,           // mm
     shift: u32,
     buckets: u32,
-    kernel: f32,           // 1 / (4/3 pi r^3)
-    had: u32,              // 1: segments have seen light of what is taken
-    has: u32,              // 1: what is taken has light
+    per_ball: f32,         // 1 / (4/3 pi r^3)
+    sign: f32,             // -1: light that segments have seen is taken out; 1: light is added
+    lights_each: u32,      // lights that a point counts for
     all: u32,              // 1: of all slots or points, not of those that moved, stay or are listed
     fresh: u32,            // 1: nobody has seen these points
     changed: vec2<u32>,    // bins whose extinction changed since
@@ -22,6 +22,12 @@ struct PointsParams {
     pad0: u32,
     pad1: u32,
     pad2: u32,
+}
+
+// What an update needs to know of a point.
+struct Origin {
+    slot: u32,  // among those of all members of its table
+    mean: f32,  // extinction around it, 1/mm, where `even` divides by it
 }
 
 // Rows of cells around a cell.

@@ -5,11 +5,11 @@
 
 import package::constants::{TABLE_ENTRIES, CELL_EDGE};
 
-struct Frame {
+struct SceneParams {
     size: vec3<u32>,          // voxels
     seed: u32,                // hashed
     extent: vec3<f32>,        // mm
-    gain: f32,                // a voxel's number times this is in [0, 1]
+    gain: f32,                // table entries for each unit of a voxel's number
     per_voxel: vec3<f32>,     // voxels per mm
     majorant: f32,            // 1/mm, the scene's fixed rate of tentative collisions
     cells: vec3<u32>,         // macro-cells along each axis
@@ -17,30 +17,68 @@ struct Frame {
     cell_mm: vec3<f32>,       // edge of a macro-cell
     step: f32,                // mm between march samples under the linear filter
     visible_bins: vec2<u32>,  // bins with any extinction or emission
-    pad: vec2<u32>,
+    shift: f32,               // table entry of the least number, and a half
+    bin_scale: u32,           // see `bin_of`
+    bin_after: i32,
+    bin_low: i32,
+    bin_high: i32,
+    pad: u32,
 }
 
-// What decides a collision, the historygram bin of a table entry, and what the edit in
-// progress changes of it.
+// What decides a collision, and what the edit in progress changes of a table entry.
 struct Optics {
     extinction: f32,  // 1/mm
-    bin: u32,         // see `bin_of`
     changes: u32,
 }
 
-@group(0) @binding(0) var<uniform> frame: Frame;
+// Layers of marks in a macro-cell (see flight.wgsl).
+struct CellLayers {
+    first: u32,          // the first that can be real; LAYERS where none can
+    opened: u32,         // a bit for each in which the edit in progress may have made something real
+    skipped: vec2<u32>,  // bits of all values with the marks of those before the first
+}
+
+// What a table entry looks like.
+struct Shading {
+    albedo: vec3<f32>,    // scatter * colour
+    phase_g: f32,         // of Henyey and Greenstein
+    emission: vec3<f32>,  // radiance per mm
+    extinction: f32,      // as in `Optics`, for who reads both
+}
+
+@group(0) @binding(0) var<uniform> scene: SceneParams;
 @if(float_voxels) @group(0) @binding(1) var volume: texture_3d<f32>;
 @if(!float_voxels) @group(0) @binding(1) var volume: texture_3d<u32>;
-@group(0) @binding(2) var<storage, read> optics: array<Optics>;
-// scatter * colour, and g of Henyey and Greenstein, of each entry
-@group(0) @binding(3) var<uniform> scattering: array<vec4<f32>, TABLE_ENTRIES>;
-// emitted radiance per mm of each entry
-@group(0) @binding(4) var<uniform> emission: array<vec4<f32>, TABLE_ENTRIES>;
+// All that a flight reads, side by side: `Optics` of each table entry, then `CellLayers`, two words
+// after two.
+@group(0) @binding(2) var<storage, read> tracking: array<vec2<u32>>;
+@group(0) @binding(3) var<storage, read> shading: array<Shading>;
 // bins that a macro-cell can produce under the volume filter
-@group(0) @binding(5) var<storage, read> cell_masks: array<vec2<u32>>;
+@group(0) @binding(5) var cell_masks: texture_3d<u32>;
+
+fn optics_of(entry: u32) -> Optics {
+    let words = tracking[entry];
+    return Optics(bitcast<f32>(words.x), words.y);
+}
+
+fn layers_of(cell: u32) -> CellLayers {
+    let at = TABLE_ENTRIES + 2u * cell;
+    return CellLayers(tracking[at].x, tracking[at].y, tracking[at + 1u]);
+}
+
+// Whether a macro-cell holds nothing that could be seen, and the bins that this relies on.
+struct Vacancy {
+    is_vacant: bool,
+    mask: vec2<u32>,
+}
+
+fn vacancy(cell: vec3<i32>) -> Vacancy {
+    let mask = textureLoad(cell_masks, cell, 0).xy;
+    return Vacancy(all((mask & scene.visible_bins) == vec2<u32>(0u)), mask);
+}
 
 fn voxel(at: vec3<i32>) -> f32 {
-    let inside = clamp(at, vec3<i32>(0), vec3<i32>(frame.size) - 1);
+    let inside = clamp(at, vec3<i32>(0), vec3<i32>(scene.size) - 1);
     return f32(textureLoad(volume, inside, 0).r);
 }
 
@@ -60,21 +98,21 @@ fn square(at: vec3<i32>) -> vec4<f32> {
     );
 }
 
-// Table entry of the value at a point: min(floor(v * 4096), 4095).
+// Table entry of a voxel's number, or of one between: the map is affine, and what lies outside of
+// the table goes to the first or last.
 fn entry_of(number: f32) -> u32 {
-    let v = number * frame.gain;
-    return min(u32(max(v, 0.0) * f32(TABLE_ENTRIES)), TABLE_ENTRIES - 1u);
+    return min(u32(max(number * scene.gain + scene.shift, 0.0)), TABLE_ENTRIES - 1u);
 }
 
 @if(nearest)
 fn entry_at(point: vec3<f32>) -> u32 {
-    return entry_of(voxel(vec3<i32>(floor(point * frame.per_voxel))));
+    return entry_of(voxel(vec3<i32>(floor(point * scene.per_voxel))));
 }
 
 @if(!nearest)
 fn entry_at(point: vec3<f32>) -> u32 {
-    let last = vec3<f32>(frame.size - 1u);
-    let at = clamp(point * frame.per_voxel - 0.5, vec3<f32>(0.0), last);
+    let last = vec3<f32>(scene.size - 1u);
+    let at = clamp(point * scene.per_voxel - 0.5, vec3<f32>(0.0), last);
     let base = floor(at);
     let f = at - base;
     let near = square(vec3<i32>(base));
@@ -84,11 +122,10 @@ fn entry_at(point: vec3<f32>) -> u32 {
     return entry_of(mix(mix(here.x, here.y, f.y), mix(beyond.x, beyond.y, f.y), f.z));
 }
 
-// The bin of a table entry: equal bins are not looked up, which is what most of the time
-// that histories take would go to.
+// The bin of a table entry: equal bins over the entries in use (`Bins` in src/history/bins.rs).
 fn bin_of(entry: u32) -> u32 {
-    @if(listed_bins) return optics[entry].bin;
-    @if(!listed_bins) return entry / (TABLE_ENTRIES / 64u);
+    let bin = i32((entry * scene.bin_scale) >> 16u) + scene.bin_after;
+    return u32(clamp(bin, scene.bin_low, scene.bin_high));
 }
 
 // The historygram of one bin, H(11) with the top bin mended.
@@ -98,14 +135,5 @@ fn bin_bit(bin: u32) -> vec2<u32> {
 
 fn cell_index(cell: vec3<i32>) -> u32 {
     let c = vec3<u32>(cell);
-    return (c.z * frame.cells.y + c.y) * frame.cells.x + c.x;
+    return (c.z * scene.cells.y + c.y) * scene.cells.x + c.x;
 }
-
-// Layers of marks in a macro-cell (see flight.wgsl).
-struct CellLayers {
-    first: u32,          // the first that can be real; LAYERS where none can
-    opened: u32,         // a bit for each in which the edit in progress may have made something real
-    skipped: vec2<u32>,  // bits of all values with the marks of those before the first
-}
-
-@group(0) @binding(15) var<storage, read> cell_layers: array<CellLayers>;

@@ -2,7 +2,7 @@
 // bounds. Each is computed on its own, H(4), and never depends on what lies before it.
 
 import package::shared::random::{draw, unit4, FOR_CAMERA};
-import package::shared::scene::frame;
+import package::shared::scene::scene;
 import package::shared::walk::{Line, line, inside};
 
 struct SegmentParams {
@@ -46,7 +46,7 @@ fn camera_ray(params: SegmentParams, pixel: vec2<u32>) -> Line {
     var offset = vec2<f32>(0.5);
     if params.strata.x * params.strata.y > 1u {
         let number = pixel.y * params.width + pixel.x;
-        let u = unit4(draw(frame.seed, number, params.ray, FOR_CAMERA)).xy;
+        let u = unit4(draw(scene.seed, number, params.ray, FOR_CAMERA)).xy;
         let stratum = vec2<u32>(params.ray % params.strata.x, params.ray / params.strata.x);
         offset = (vec2<f32>(stratum) + u) / vec2<f32>(params.strata);
     }
@@ -60,6 +60,6 @@ fn span_of(params: SegmentParams, task: u32) -> Span {
     let pixel = task % params.pixels;
     let at = vec2<u32>(pixel % params.width, params.first_row + pixel / params.width);
     let ray = camera_ray(params, at);
-    let reach = inside(ray, frame.extent);
+    let reach = inside(ray, scene.extent);
     return Span(ray, reach.x, max(reach.y, reach.x), task / params.pixels);
 }

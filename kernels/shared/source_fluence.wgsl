@@ -2,7 +2,7 @@
 // fetch of the fluence, times scatter * colour, over all directions alike.
 
 import package::shared::phase::PI;
-import package::shared::scene::{frame, scattering};
+import package::shared::scene::{scene, shading};
 import package::shared::segment::SegmentParams;
 
 struct FluenceParams {
@@ -25,7 +25,7 @@ fn fluence_cell(cell: vec3<i32>) -> vec3<f32> {
 }
 
 fn fluence_at(point: vec3<f32>) -> vec3<f32> {
-    let at = point / frame.extent * vec3<f32>(field.grid) - 0.5;
+    let at = point / scene.extent * vec3<f32>(field.grid) - 0.5;
     let base = floor(at);
     let f = at - base;
     let i = vec3<i32>(base);
@@ -39,6 +39,6 @@ fn fluence_at(point: vec3<f32>) -> vec3<f32> {
 fn gather(
     params: SegmentParams, point: vec3<f32>, entry: u32, weight: f32, toward: vec3<f32>, so_far: Gathered,
 ) -> Gathered {
-    let light = weight / (4.0 * PI) * scattering[entry].rgb * fluence_at(point);
+    let light = weight / (4.0 * PI) * shading[entry].albedo * fluence_at(point);
     return Gathered(so_far.radiance + light, so_far.clamped, so_far.tested + 1u);
 }

@@ -71,7 +71,7 @@ pub fn run_edit(adapter: &AdapterChoice, args: &EditArgs) -> Result<()> {
         "adapter {}, stage times by {}; {}\n{}",
         gpu.report().name,
         clock(&gpu),
-        frame.estimator,
+        frame.field.name(),
         edit_table(&done)
     ))?;
     let rows: Vec<_> = done.iter().map(|(name, m)| edit_json(&gpu, name, m)).collect();
@@ -133,7 +133,7 @@ fn edit_table(done: &[(&str, &Measured)]) -> String {
         "mismatches",
     ]);
     for (name, m) in done {
-        let (u, c) = (&m.updated, &m.updated.counts);
+        let (u, c) = (&m.update.done, &m.update.done.counts);
         table.add_row([
             (*name).to_owned(),
             format!("{:.1}", percent(c.invalid, u.photons)),
@@ -142,8 +142,8 @@ fn edit_table(done: &[(&str, &Measured)]) -> String {
             format!("{:.2}", c.changed as f64 / u.listed.max(1) as f64),
             format!("{:.1}", percent(u.recomputed, u.segments)),
             format!("{:.1}", m.full.total),
-            format!("{:.1}", m.incremental.total),
-            format!("{:.2}", m.full.total / m.incremental.total),
+            format!("{:.1}", m.update.cost.total),
+            format!("{:.2}", m.full.total / m.update.cost.total),
             m.mismatches.map_or("-".to_owned(), |m| m.all().to_string()),
         ]);
     }
@@ -160,12 +160,12 @@ fn clock(gpu: &Gpu) -> &'static str {
 }
 
 fn edit_json(gpu: &Gpu, name: &str, m: &Measured) -> serde_json::Value {
-    let (u, c) = (&m.updated, &m.updated.counts);
+    let (u, c) = (&m.update.done, &m.update.done.counts);
     serde_json::json!({
         "edit": name,
         "adapter": gpu.report().name,
         "clock": clock(gpu),
-        "scope": m.scope,
+        "scope": m.update.scope,
         "photons": {
             "total": u.photons,
             "invalid": c.invalid,
@@ -181,9 +181,9 @@ fn edit_json(gpu: &Gpu, name: &str, m: &Measured) -> serde_json::Value {
         },
         "visits": { "full": m.full_counts.visits(), "incremental": c.visits() },
         "counts": { "full": m.full_counts, "incremental": c },
-        "time_ms": { "full": m.full, "incremental": m.incremental },
+        "time_ms": { "full": m.full, "incremental": m.update.cost },
         "entries_clamped": m.entries_clamped,
-        "speedup": m.full.total / m.incremental.total,
+        "speedup": m.full.total / m.update.cost.total,
         "verify": m.mismatches,
     })
 }
@@ -221,7 +221,7 @@ fn none_differ(edits: &[(&str, &Measured)], which: fn(&Mismatches) -> u64) -> Re
 fn stage_table(m: &Measured) -> Table {
     let mut table = Table::new();
     table.load_style(presets::NOTHING).set_header(["stage", "full", "incremental"]);
-    let (full, incremental) = (&m.full.stages, &m.incremental.stages);
+    let (full, incremental) = (&m.full.stages, &m.update.cost.stages);
     let mut names: Vec<_> = full.iter().chain(incremental).map(|t| t.stage).collect();
     let mut seen = std::collections::HashSet::new();
     names.retain(|name| seen.insert(*name));

@@ -5,7 +5,6 @@ use std::path::Path;
 use anyhow::Result;
 use comfy_table::{Table, presets};
 use photogram::gpu;
-use photogram::transfer;
 use photogram::volume::{self, Volume};
 
 use super::{say, write_json};
@@ -58,8 +57,7 @@ pub fn describe(path: &Path, json: Option<&Path>) -> Result<()> {
     let counts = volume.histogram(32);
     let most = counts.iter().map(|&n| n as f64).fold(1.0, f64::max).ln_1p();
     for (i, &n) in counts.iter().enumerate() {
-        let value =
-            transfer::entry_value((2 * i + 1) * transfer::TABLE_ENTRIES / 64, volume.range());
+        let value = low + (high - low) * (i as f64 + 0.5) / counts.len() as f64;
         let bar = "#".repeat(((n as f64).ln_1p() / most * 40.0).round() as usize);
         say(format_args!("{value:>12.3} {n:>12} {bar}"))?;
     }

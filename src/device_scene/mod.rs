@@ -4,21 +4,22 @@ pub mod lights;
 
 use std::sync::Arc;
 
-use glam::DAffine3;
+use glam::{DAffine3, DVec3};
 
 use self::lights::Lights;
 use crate::bits::{hash, words};
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
+use crate::gpu::counter::CounterBuffer;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
 use crate::gpu::run::Bindings;
 use crate::history::{Bins, LAYERS, MARK_CLASSES, Query};
-use crate::scene::{Filter, Scene};
-use crate::transfer::{CellEntries, TABLE_ENTRIES, Table, spans};
+use crate::scene::{Filter, Scene, effective_majorant, extinction_limit};
+use crate::transfer::{CellEntries, Domain, TABLE_ENTRIES, Table, spans};
 use crate::volume::cells::{CELL_EDGE, MacroCells};
 use crate::volume::texture::{MAX_SQUARES, bytes_of_squares, upload};
-use crate::volume::{Volume, Voxels};
+use crate::volume::{Numbers, Volume, Voxels};
 
 /// Tentative collisions across a volume beyond which a flight may not come to its end: the mean
 /// step is then a few times the least that an `f32` can take there.
@@ -26,14 +27,14 @@ const MAX_COLLISIONS: f64 = (1 << 21) as f64;
 
 shared_struct! {
     /// What every kernel may look at; lengths in mm along the volume's axes.
-    pub struct Frame {
+    pub struct SceneParams {
         /// Voxels.
         pub size: [u32; 3],
         /// Hashed seed.
         pub seed: u32,
         /// Extent of the bounds, mm.
         pub extent: [f32; 3],
-        /// A voxel's number times this is in [0, 1].
+        /// See [`EntryMap`](crate::transfer::EntryMap).
         pub gain: f32,
         /// Voxels per mm.
         pub per_voxel: [f32; 3],
@@ -49,20 +50,42 @@ shared_struct! {
         pub step: f32,
         /// Bins with any extinction or emission.
         pub visible_bins: [u32; 2],
+        /// See [`EntryMap`](crate::transfer::EntryMap).
+        pub shift: f32,
+        /// See [`Bins`], and so are the following.
+        pub bin_scale: u32,
+        /// Added to the bin.
+        pub bin_after: i32,
+        /// The least bin.
+        pub bin_low: i32,
+        /// The greatest bin.
+        pub bin_high: i32,
         /// Keeps the size a multiple of 16.
-        pub pad: [u32; 2],
+        pub pad: u32,
     }
 }
 
 shared_struct! {
-    /// What decides a collision, and the bin of a table entry.
+    /// What decides a collision at a table entry.
     pub struct Optics {
         /// 1/mm.
         pub extinction: f32,
-        /// Historygram bin, 0 to 63.
-        pub bin: u32,
-        /// What the edit in progress changes, `CHANGE_` bits of [`crate::query`].
+        /// What the edit in progress changes, `CHANGE_` bits of [`crate::history`].
         pub changes: u32,
+    }
+}
+
+shared_struct! {
+    /// What a table entry looks like.
+    pub struct Shading {
+        /// Scatter times colour.
+        pub albedo: [f32; 3],
+        /// Henyey-Greenstein g.
+        pub phase_g: f32,
+        /// Emitted radiance per mm.
+        pub emission: [f32; 3],
+        /// 1/mm, as in [`Optics`].
+        pub extinction: f32,
     }
 }
 
@@ -90,10 +113,36 @@ shared_struct! {
     }
 }
 
+/// What every stage works with.
+#[derive(Clone, Copy)]
+pub struct Context<'a> {
+    /// The device.
+    pub gpu: &'a Gpu,
+    /// The scene.
+    pub scene: &'a DeviceScene,
+    /// What the stages count.
+    pub counters: &'a CounterBuffer,
+}
+
+/// How a scene lies on the device, beside what it says itself.
+#[derive(Clone, Copy, Debug)]
+pub struct Storage {
+    /// The bins of histories; `None`: those that suit the table's domain.
+    pub bins: Option<Bins>,
+    /// Bytes that squares of voxels may take; a larger volume lies voxel by voxel.
+    pub max_squares: u64,
+}
+
+impl Default for Storage {
+    fn default() -> Self {
+        Self { bins: None, max_squares: MAX_SQUARES }
+    }
+}
+
 /// The scene on the device.
 pub struct DeviceScene {
-    /// Constants of the scene.
-    pub frame: Frame,
+    /// What every kernel is told of it.
+    pub params: SceneParams,
     /// From world mm to the volume's own frame.
     pub local_from_world: DAffine3,
     /// The transfer function.
@@ -106,21 +155,25 @@ pub struct DeviceScene {
     pub cells: CellEntries,
     /// Layers that edits in progress have opened, by table entry.
     opened: Vec<u8>,
-    range: [f64; 2],
+    /// Which values the table's entries stand for.
+    pub domain: Domain,
+    /// Bins that are compared; `None`: those that suit the domain.
+    own_bins: Option<Bins>,
+    grid: Grid,
     nearest: bool,
     squares: bool,
     float_voxels: bool,
     skip: bool,
     history: bool,
-    frame_buffer: wgpu::Buffer,
+    params_buffer: wgpu::Buffer,
     volume: wgpu::TextureView,
     volume_bytes: u64,
-    optics: wgpu::Buffer,
-    scattering: wgpu::Buffer,
-    emission: wgpu::Buffer,
-    cell_masks: wgpu::Buffer,
+    /// [`Optics`] of the table, then [`CellLayers`].
+    tracking: wgpu::Buffer,
+    shading: wgpu::Buffer,
+    masks: wgpu::Texture,
+    cell_masks: wgpu::TextureView,
     cell_ranges: wgpu::Buffer,
-    cell_layers: wgpu::Buffer,
     spans: wgpu::Buffer,
     find_layers: Arc<Kernel>,
     lights_buffer: wgpu::Buffer,
@@ -132,113 +185,132 @@ impl DeviceScene {
     /// # Errors
     /// The scene is not settled or an impossible one, or the device refuses.
     pub fn new(gpu: &Gpu, scene: &Scene, volume: &Volume) -> Result<Self> {
-        Self::with(gpu, scene, volume, (Bins::uniform(MARK_CLASSES), MAX_SQUARES))
+        Self::stored(gpu, scene, volume, &Storage::default())
     }
 
-    /// The same with other bins of histories, or with `max_squares` bytes for the volume's squares
-    /// of voxels instead of [`MAX_SQUARES`], to compare them.
+    /// The same, stored otherwise, to compare.
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn with(
-        gpu: &Gpu,
-        scene: &Scene,
-        volume: &Volume,
-        (bins, max_squares): (Bins, u64),
-    ) -> Result<Self> {
+    pub fn stored(gpu: &Gpu, scene: &Scene, volume: &Volume, storage: &Storage) -> Result<Self> {
         scene.check()?;
-        let settings = &scene.settings;
-        let majorant = settings
-            .majorant
-            .ok_or_else(|| Error::setting("the scene has no majorant: settle it first"))?;
-        let longest = volume.extent().length();
-        if majorant * longest > MAX_COLLISIONS {
-            return Err(Error::setting(format!(
-                "`majorant` is {majorant} per mm: across {longest} mm collisions come closer than \
-                 single precision tells places apart; lower it, or leave it out"
-            )));
-        }
-        let table = Table::build(&scene.materials, volume.range(), Some(majorant));
-        let macro_cells = MacroCells::of(volume);
-        let cells = CellEntries::of(&macro_cells);
+        let grid = Grid {
+            size: volume.size(),
+            extent: volume.extent(),
+            spacing: volume.spacing(),
+            numbers: volume.numbers(),
+            cells: MacroCells::of(volume),
+        };
         let local_from_world = volume.local_from_world();
         let lights = Lights::of(scene, &local_from_world)?;
-        let spacing = volume.spacing().as_vec3();
-        let frame = Frame {
-            size: volume.size(),
-            seed: hash(settings.seed),
-            extent: volume.extent().as_vec3().to_array(),
-            gain: volume.gain(),
-            per_voxel: spacing.recip().to_array(),
-            majorant: majorant as f32,
-            cells: macro_cells.counts,
-            mark_classes: bins.mark_classes,
-            cell_mm: (spacing * CELL_EDGE as f32).to_array(),
-            step: spacing.min_element() * settings.step as f32,
-            visible_bins: words(bins.opaque_mask(&table)),
-            pad: [0; 2],
-        };
-        let query = Query::default();
-        let columns = Columns::of(&table, &bins, &query);
-        let cell_values = cells.fold(|e| bins.tentative_bit(e, 0), |a, b| a | b);
-        let ranges = cells.ranges.iter().zip(cell_values);
-        let range = |(&[low, high], values): (&[u16; 2], u64)| CellRange {
-            low: low.into(),
-            high: high.into(),
-            values: words(values),
-        };
-        let ranges = ranges.map(range).collect::<Vec<_>>();
-        let masks = bins.masks(&cells).into_iter().map(words).collect::<Vec<_>>();
+        let setup = Setup::of(scene, &grid, storage.bins)?;
         let nearest = scene.filter == Filter::Nearest;
-        let squares = !nearest && bytes_of_squares(volume) <= max_squares;
+        let squares = !nearest && bytes_of_squares(volume) <= storage.max_squares;
         let (volume_view, volume_bytes) = upload(gpu, volume, squares)?;
+        let query = Query::default();
+        // What each cell has is found below.
+        let mut tracking = optics_of(&setup.table, &query);
+        let per_cell = size_of::<CellLayers>() / size_of::<Optics>();
+        tracking.resize(TABLE_ENTRIES + per_cell * setup.ranges.len(), Optics::default());
+        let masks = mask_texture(gpu, grid.cells.counts)?;
         let device = Self {
-            frame_buffer: gpu.upload("frame", &[frame])?,
-            optics: gpu.upload("optics", &columns.optics)?,
-            scattering: gpu.upload("scattering", &columns.scattering)?,
-            emission: gpu.upload("emission", &columns.emission)?,
-            cell_masks: gpu.upload("cell masks", &masks)?,
-            cell_layers: gpu.buffer::<CellLayers>("cell layers", ranges.len())?,
-            cell_ranges: gpu.upload("cell ranges", &ranges)?,
-            spans: gpu.upload("layers", &layers_of_spans(&table, &query, frame.majorant))?,
+            params_buffer: gpu.upload("scene", &[setup.params])?,
+            tracking: gpu.upload("tracking", &tracking)?,
+            shading: gpu.upload("shading", &shading_of(&setup.table))?,
+            cell_masks: masks.create_view(&Default::default()),
+            masks,
+            cell_ranges: gpu.upload("cell ranges", &setup.ranges)?,
+            spans: gpu
+                .upload("layers", &layers_of_spans(&setup.table, &query, setup.params.majorant))?,
             find_layers: gpu.kernel("layers", &[])?,
             lights_buffer: gpu.upload("lights", &[lights])?,
             volume: volume_view,
             volume_bytes,
-            range: volume.range(),
             nearest,
             squares,
             float_voxels: matches!(volume.voxels(), Voxels::F32(_)),
-            skip: settings.skip_empty,
-            history: settings.history,
-            frame,
+            skip: scene.settings.skip_empty,
+            history: scene.settings.history,
             local_from_world,
-            table,
-            bins,
             lights,
-            cells,
             opened: query.opened,
+            own_bins: storage.bins,
+            params: setup.params,
+            domain: setup.domain,
+            table: setup.table,
+            bins: setup.bins,
+            cells: setup.cells,
+            grid,
         };
+        device.write_masks(gpu);
         device.find_layers(gpu)?;
-        Ok(device)
+        gpu.check("scene").map(|()| device)
+    }
+
+    /// Takes a scene of other constants (its majorant, seed, step, the table's domain and what is
+    /// compiled in): all but the volume is as if it were new, and everything is to be computed.
+    ///
+    /// # Errors
+    /// The majorant is out of proportion, or the device failed.
+    pub fn configure(
+        &mut self,
+        gpu: &Gpu,
+        scene: &Scene,
+        table: Table,
+        lights: Lights,
+    ) -> Result<()> {
+        let setup = Setup::of(scene, &self.grid, self.own_bins)?;
+        (self.params, self.domain, self.bins) = (setup.params, setup.domain, setup.bins);
+        self.cells = setup.cells;
+        (self.skip, self.history) = (scene.settings.skip_empty, scene.settings.history);
+        gpu.write(&self.cell_ranges, &setup.ranges);
+        self.write_masks(gpu);
+        // What the layers are of is told anew.
+        self.opened.clear();
+        self.edit(gpu, table, lights, &Query::default())
+    }
+
+    /// Whether another scene has its photons meet the same tentative collisions: its majorant and the
+    /// values that its table's entries stand for are those of this one.
+    ///
+    /// # Errors
+    /// The scene is not settled.
+    pub fn collides_as(&self, scene: &Scene) -> Result<bool> {
+        let Constants { majorant, domain, .. } = Constants::of(scene, &self.grid)?;
+        Ok(majorant as f32 == self.params.majorant && domain == self.domain)
+    }
+
+    fn write_masks(&self, gpu: &Gpu) {
+        let masks = self.bins.masks(&self.cells).into_iter().map(words).collect::<Vec<_>>();
+        let size = self.masks.size();
+        let layout = wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(size.width * size_of::<[u32; 2]>() as u32),
+            rows_per_image: Some(size.height),
+        };
+        let copy = self.masks.as_image_copy();
+        gpu.queue().write_texture(copy, bytemuck::cast_slice(&masks), layout, size);
     }
 
     /// Finds the layers of marks in each macro-cell.
     fn find_layers(&self, gpu: &Gpu) -> Result<()> {
         let bindings: Bindings = vec![
-            ("frame", (&self.frame_buffer).into()),
+            ("scene", (&self.params_buffer).into()),
             ("cell_ranges", (&self.cell_ranges).into()),
             ("spans", (&self.spans).into()),
-            ("layers", (&self.cell_layers).into()),
+            ("tracked", (&self.tracking).into()),
         ];
         let mut stage = gpu.stage("layers");
         stage.dispatch(&self.find_layers, self.cells.ranges.len() as u64, &bindings, &())?;
         stage.finish()
     }
 
-    /// The table of an edited scene, over the same values.
-    pub fn table_of(&self, scene: &Scene) -> Table {
-        Table::build(&scene.materials, self.range, scene.settings.majorant)
+    /// The table of an edited scene.
+    ///
+    /// # Errors
+    /// The scene is not settled.
+    pub fn table_of(&self, scene: &Scene) -> Result<Table> {
+        Constants::of(scene, &self.grid).map(|constants| constants.table)
     }
 
     /// Takes another table and other lights. `query` says what that changes, and what
@@ -247,17 +319,15 @@ impl DeviceScene {
     /// # Errors
     /// The device failed.
     pub fn edit(&mut self, gpu: &Gpu, table: Table, lights: Lights, query: &Query) -> Result<()> {
-        self.frame.visible_bins = words(self.bins.opaque_mask(&table));
-        let columns = Columns::of(&table, &self.bins, query);
+        self.params.visible_bins = words(self.bins.opaque_mask(&table));
         if (&table.extinction, &query.opened) != (&self.table.extinction, &self.opened) {
-            gpu.write(&self.spans, &layers_of_spans(&table, query, self.frame.majorant));
+            gpu.write(&self.spans, &layers_of_spans(&table, query, self.params.majorant));
             self.find_layers(gpu)?;
             self.opened.clone_from(&query.opened);
         }
-        gpu.write(&self.frame_buffer, &[self.frame]);
-        gpu.write(&self.optics, &columns.optics);
-        gpu.write(&self.scattering, &columns.scattering);
-        gpu.write(&self.emission, &columns.emission);
+        gpu.write(&self.params_buffer, &[self.params]);
+        gpu.write(&self.tracking, &optics_of(&table, query));
+        gpu.write(&self.shading, &shading_of(&table));
         gpu.write(&self.lights_buffer, &[lights]);
         (self.table, self.lights) = (table, lights);
         Ok(())
@@ -271,19 +341,17 @@ impl DeviceScene {
     /// The scene's resources, by the names that the kernels give them.
     pub fn bindings(&self) -> Bindings<'_> {
         vec![
-            ("frame", (&self.frame_buffer).into()),
+            ("scene", (&self.params_buffer).into()),
             ("volume", (&self.volume).into()),
-            ("optics", (&self.optics).into()),
-            ("scattering", (&self.scattering).into()),
-            ("emission", (&self.emission).into()),
+            ("tracking", (&self.tracking).into()),
+            ("shading", (&self.shading).into()),
             ("cell_masks", (&self.cell_masks).into()),
-            ("cell_layers", (&self.cell_layers).into()),
             ("lights", (&self.lights_buffer).into()),
         ]
     }
 
-    /// The flags of a kernel that this scene sets, among those that it knows.
-    pub fn flags(&self, known: &[&'static str]) -> Vec<&'static str> {
+    /// The flags of kernels that this scene sets.
+    pub fn flags(&self) -> Vec<&'static str> {
         let [anisotropic, emission] = specialisation(&self.table);
         let all = [
             ("nearest", self.nearest),
@@ -293,19 +361,15 @@ impl DeviceScene {
             ("history", self.history),
             ("anisotropic", anisotropic),
             ("emission", emission),
-            ("listed_bins", self.bins != Bins::uniform(self.bins.mark_classes)),
         ];
-        all.iter().filter(|(flag, on)| *on && known.contains(flag)).map(|(flag, _)| *flag).collect()
+        all.iter().filter(|(_, on)| *on).map(|(flag, _)| *flag).collect()
     }
 
     /// Bytes of the volume and of the macro-cells.
     pub fn bytes(&self) -> Vec<(&'static str, u64)> {
         vec![
             ("volume", self.volume_bytes),
-            (
-                "macro-cells",
-                self.cell_masks.size() + self.cell_ranges.size() + self.cell_layers.size(),
-            ),
+            ("macro-cells", self.cells.ranges.len() as u64 * CELL_BYTES),
         ]
     }
 }
@@ -315,29 +379,122 @@ fn specialisation(table: &Table) -> [bool; 2] {
     [!table.is_isotropic(), table.emission.iter().any(|e| *e != [0.0; 3])]
 }
 
-/// The table as the kernels see it.
-struct Columns {
-    optics: Vec<Optics>,
-    scattering: Vec<[f32; 4]>,
-    emission: Vec<[f32; 4]>,
+/// Bytes of a macro-cell: its mask, range and layers.
+const CELL_BYTES: u64 = 8 + (size_of::<CellRange>() + size_of::<CellLayers>()) as u64;
+
+fn optics_of(table: &Table, query: &Query) -> Vec<Optics> {
+    let optics = |(&extinction, &changes)| Optics { extinction, changes };
+    table.extinction.iter().zip(&query.changes).map(optics).collect()
 }
 
-impl Columns {
-    fn of(table: &Table, bins: &Bins, query: &Query) -> Self {
-        let optics = |e: usize| Optics {
-            extinction: table.extinction[e],
-            bin: bins.bin_of_entry[e],
-            changes: query.changes[e],
-        };
-        let scattering = |e: usize| {
-            let [r, g, b] = table.albedo(e);
-            [r, g, b, table.phase_g[e]]
-        };
-        Self {
-            optics: (0..TABLE_ENTRIES).map(optics).collect(),
-            scattering: (0..TABLE_ENTRIES).map(scattering).collect(),
-            emission: table.emission.iter().map(|&[r, g, b]| [r, g, b, 0.0]).collect(),
+fn shading_of(table: &Table) -> Vec<Shading> {
+    let shading = |e: usize| Shading {
+        albedo: table.albedo(e),
+        phase_g: table.phase_g[e],
+        emission: table.emission[e],
+        extinction: table.extinction[e],
+    };
+    (0..TABLE_ENTRIES).map(shading).collect()
+}
+
+/// Room for the bins of each macro-cell: a texture takes none of the few storage buffers of a kernel.
+fn mask_texture(gpu: &Gpu, cells: [u32; 3]) -> Result<wgpu::Texture> {
+    let [width, height, depth_or_array_layers] = cells;
+    let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
+        label: Some("cell masks"),
+        size: wgpu::Extent3d { width, height, depth_or_array_layers },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D3,
+        format: wgpu::TextureFormat::Rg32Uint,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    });
+    gpu.check("cell masks").map(|()| texture)
+}
+
+/// What is known of the volume when its voxels are on the device.
+struct Grid {
+    size: [u32; 3],
+    extent: DVec3,
+    spacing: DVec3,
+    numbers: Numbers,
+    cells: MacroCells,
+}
+
+/// What decides tentative collisions, and the table.
+struct Constants {
+    majorant: f64,
+    domain: Domain,
+    table: Table,
+}
+
+impl Constants {
+    fn of(scene: &Scene, grid: &Grid) -> Result<Self> {
+        let settled = scene.settings.majorant;
+        let settled =
+            settled.ok_or_else(|| Error::setting("the scene has no majorant: settle it first"))?;
+        let domain = Domain::fitting(scene.settings.range, &grid.numbers, &scene.materials);
+        let limit = extinction_limit(settled, grid.spacing);
+        let table = Table::build(&scene.materials, &domain, Some(limit));
+        let greatest = table.max_extinction().into();
+        let majorant = effective_majorant(settled, greatest, grid.spacing);
+        Ok(Self { majorant, domain, table })
+    }
+}
+
+/// What a scene makes of a volume.
+struct Setup {
+    params: SceneParams,
+    domain: Domain,
+    table: Table,
+    bins: Bins,
+    cells: CellEntries,
+    ranges: Vec<CellRange>,
+}
+
+impl Setup {
+    fn of(scene: &Scene, grid: &Grid, own_bins: Option<Bins>) -> Result<Self> {
+        let settings = &scene.settings;
+        let Constants { majorant, domain, table } = Constants::of(scene, grid)?;
+        let longest = grid.extent.length();
+        if majorant * longest > MAX_COLLISIONS {
+            return Err(Error::setting(format!(
+                "`majorant` is {majorant} per mm: across {longest} mm collisions come closer than \
+                 single precision tells places apart; lower it, or leave it out"
+            )));
         }
+        let map = domain.map(&grid.numbers);
+        let bins = own_bins.unwrap_or_else(|| Bins::of(&domain, &grid.numbers, MARK_CLASSES));
+        let cells = CellEntries::of(&grid.cells, map);
+        let spacing = grid.spacing.as_vec3();
+        let params = SceneParams {
+            size: grid.size,
+            seed: hash(settings.seed),
+            extent: grid.extent.as_vec3().to_array(),
+            gain: map.gain,
+            per_voxel: spacing.recip().to_array(),
+            majorant: majorant as f32,
+            cells: grid.cells.counts,
+            mark_classes: bins.mark_classes,
+            cell_mm: (spacing * CELL_EDGE as f32).to_array(),
+            step: spacing.min_element() * settings.step as f32,
+            visible_bins: words(bins.opaque_mask(&table)),
+            shift: map.shift,
+            bin_scale: bins.scale,
+            bin_after: bins.after,
+            bin_low: bins.low,
+            bin_high: bins.high,
+            pad: 0,
+        };
+        let cell_values = cells.fold(|e| bins.tentative_bit(e, 0), |a, b| a | b);
+        let range = |(&[low, high], values): (&[u16; 2], u64)| CellRange {
+            low: low.into(),
+            high: high.into(),
+            values: words(values),
+        };
+        let ranges = cells.ranges.iter().zip(cell_values).map(range).collect();
+        Ok(Self { params, domain, table, bins, cells, ranges })
     }
 }
 

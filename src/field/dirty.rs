@@ -60,20 +60,22 @@ impl Dirty {
     /// # Errors
     /// The device refuses the memory.
     pub fn new(gpu: &Gpu, scene: &DeviceScene, reach: f32, spatial: Spatial) -> Result<Self> {
-        let frame = &scene.frame;
-        let blocks = frame.cells.map(|n| n * DIRTY_SPLIT);
+        let params = &scene.params;
+        let blocks = params.cells.map(|n| n * DIRTY_SPLIT);
         let count: usize = blocks.iter().map(|&n| n as usize).product();
         let grid = DirtyGrid {
             blocks,
             spatial: spatial as u32,
-            edge: frame.cell_mm.map(|e| e / DIRTY_SPLIT as f32),
+            edge: params.cell_mm.map(|e| e / DIRTY_SPLIT as f32),
             // Light is looked up at most half an interval off a sample; the rest is for rounding.
-            reach: reach + 0.5 * frame.step + 0.01 * frame.cell_mm.into_iter().fold(0.0, f32::max),
+            reach: reach
+                + 0.5 * params.step
+                + 0.01 * params.cell_mm.into_iter().fold(0.0, f32::max),
             ..Default::default()
         };
         Ok(Self {
             grid,
-            extent: frame.extent,
+            extent: params.extent,
             grid_buffer: gpu.upload("dirty grid", &[grid])?,
             bits: gpu.buffer::<u32>("dirty blocks", count.div_ceil(32))?,
             vacant: gpu.kernel("dirty_vacant", &[])?,

@@ -8,18 +8,18 @@
 use std::ops::Range;
 use std::sync::Arc;
 
+use super::dirty::Dirty;
+use super::{Change, LightField, Request, Run, SegmentLight};
 use crate::bits::CONTRIBUTION;
-use crate::device_scene::DeviceScene;
+use crate::device_scene::{Context, DeviceScene};
 use crate::error::{Error, Result};
-use crate::field::dirty::Dirty;
 use crate::gpu::Gpu;
 use crate::gpu::Progress;
-use crate::gpu::counter::CounterBuffer;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
 use crate::gpu::run::{Bindings, Pace, Stage};
-use crate::photon::{PhotonMap, PhotonParams};
-use crate::scene::Settings;
+use crate::photon::{Flights, Follows, Part, PhotonMap};
+use crate::scene::{Estimator, Settings};
 
 shared_struct! {
     /// What the resolve kernel is told.
@@ -32,6 +32,52 @@ shared_struct! {
         pub edge: [f32; 3],
         /// 1 where cells that differ are marked.
         pub marks: u32,
+    }
+}
+
+/// What a deposit does with the sums.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Deposit {
+    /// Adds flights.
+    Add,
+    /// Takes flights out.
+    Remove,
+    /// Takes flights of the journal out, and adds them with the power that they have now.
+    Replace,
+}
+
+shared_struct! {
+    /// What the deposit kernel is told.
+    pub struct DepositParams {
+        /// Cells along each axis.
+        pub grid: [u32; 3],
+        /// Scale of the sums.
+        pub scale: f32,
+        /// Which light the batch belongs to.
+        pub light: u32,
+        /// The light's photon that is the batch's first.
+        pub first_index: u32,
+        /// Slots of a photon.
+        pub max_events: u32,
+        /// One of [`Deposit`].
+        pub mode: u32,
+        /// First item of this dispatch.
+        pub first_item: u32,
+        /// Items of this dispatch.
+        pub items: u32,
+        /// First of the work list.
+        pub first_listed: u32,
+        /// Photons.
+        pub listed: u32,
+        /// Slots from one event to the next.
+        pub stride: u32,
+        /// 1 where the slots are those of the journal.
+        pub in_journal: u32,
+        /// 1 where the work list is of chosen photons.
+        pub is_chosen: u32,
+        /// Keeps the size a multiple of 16.
+        pub pad: u32,
     }
 }
 
@@ -53,7 +99,13 @@ pub struct Fluence {
     per_sum: f32,
     edge: [f32; 3],
     /// Whether the sums are those of the slots; else all is summed again.
-    pub current: bool,
+    current: bool,
+    /// Photons in all, and of those that are worked on how many there are, how many were seen, and
+    /// how many of those changed.
+    photons: u64,
+    listed: u64,
+    seen: u64,
+    changed: u64,
     /// The sums: red, green, blue.
     pub sums: [wgpu::Buffer; 3],
     field: wgpu::Buffer,
@@ -85,7 +137,8 @@ impl Fluence {
     /// # Errors
     /// The grid does not fit the adapter.
     pub fn new(gpu: &Gpu, scene: &DeviceScene, settings: &Settings) -> Result<Self> {
-        let grid = scene.frame.size.map(|n| ((f64::from(n) * settings.grid).round() as u32).max(1));
+        let grid =
+            scene.params.size.map(|n| ((f64::from(n) * settings.grid).round() as u32).max(1));
         let cells: u64 = grid.iter().map(|&n| u64::from(n)).product();
         let bytes = cells * 8;
         gpu.fits("fluence grid", bytes).map_err(|_| {
@@ -102,7 +155,7 @@ impl Fluence {
                 ),
             )
         })?;
-        let extent = scene.frame.extent;
+        let extent = scene.params.extent;
         let edge: [f64; 3] = std::array::from_fn(|i| f64::from(extent[i]) / f64::from(grid[i]));
         let typical = settings.flux_unit.unwrap_or(1.0) / settings.photons as f64
             * edge.iter().copied().fold(f64::INFINITY, f64::min);
@@ -117,6 +170,10 @@ impl Fluence {
             per_sum: (1.0 / (scale * edge.iter().product::<f64>())) as f32,
             edge: edge.map(|e| e as f32),
             current: false,
+            photons: 0,
+            listed: 0,
+            seen: 0,
+            changed: 0,
             sums: [sum()?, sum()?, sum()?],
             field: gpu.upload("fluence field", &[FluenceParams { grid, pad: 0 }])?,
             before,
@@ -129,94 +186,82 @@ impl Fluence {
     }
 
     /// Sums the flights of all photons, from nothing.
-    ///
-    /// # Errors
-    /// The device failed.
-    pub fn sum_all(
-        &mut self,
-        gpu: &Gpu,
-        scene: &DeviceScene,
-        map: &mut PhotonMap,
-        counters: &CounterBuffer,
-        progress: &mut Progress,
-    ) -> Result<()> {
-        let mut stage = gpu.stage("deposit");
+    fn sum_all(&mut self, cx: Context, map: &mut PhotonMap, progress: &mut Progress) -> Result<()> {
+        let mut stage = cx.gpu.stage("deposit");
         self.sums.iter().for_each(|sum| stage.clear(sum));
         stage.finish()?;
         for batch in &mut map.batches {
-            batch.list_all(gpu, None)?;
+            batch.list_all(cx.gpu, None)?;
         }
         for batch in &map.batches {
-            let slots = (map.params(batch), map.live_bindings(batch));
-            self.deposit(gpu, scene, slots, counters, progress)?;
+            self.deposit(cx, map.flights(batch), Deposit::Add, progress)?;
         }
         self.current = true;
         Ok(())
     }
 
-    /// Adds the flights of the listed or of the chosen photons, or takes them out, as the
-    /// parameters say: of the live slots or of the journal.
+    /// Adds flights to the sums, or takes them out.
     ///
     /// # Errors
     /// The device failed.
     pub fn deposit(
         &self,
-        gpu: &Gpu,
-        scene: &DeviceScene,
-        (params, slots): (PhotonParams, Bindings),
-        counters: &CounterBuffer,
+        cx: Context,
+        flights: Flights,
+        mode: Deposit,
         progress: &mut Progress,
     ) -> Result<()> {
-        let mut bindings = [scene.bindings(), slots, self.sum_bindings()].concat();
-        bindings.push(("counters", counters.buffer().into()));
-        let total = u64::from(params.listed) * u64::from(params.max_events);
+        let mut bindings = [cx.scene.bindings(), flights.bindings, self.sum_bindings()].concat();
+        bindings.push(("counters", cx.counters.buffer().into()));
+        let total = u64::from(flights.listed) * u64::from(flights.max_events);
+        let all = DepositParams {
+            grid: self.grid,
+            scale: self.scale,
+            light: flights.light,
+            first_index: flights.first_index,
+            max_events: flights.max_events,
+            mode: mode as u32,
+            first_listed: flights.first_listed,
+            listed: flights.listed,
+            stride: flights.stride,
+            in_journal: flights.in_journal.into(),
+            is_chosen: flights.is_chosen.into(),
+            ..Default::default()
+        };
         let work = |stage: &mut Stage, range: Range<u64>| {
             let items = range.end - range.start;
-            let params = PhotonParams {
-                first_item: range.start as u32,
-                items: items as u32,
-                scale: self.scale,
-                grid: self.grid,
-                ..params
-            };
+            let params =
+                DepositParams { first_item: range.start as u32, items: items as u32, ..all };
             stage.dispatch(&self.deposit, items, &bindings, &params)
         };
         let progress = &mut |n| progress.at("deposit", n, total);
         // Fewer of the chosen photons' slots are empty.
-        let pace = if params.chosen == 1 { &self.chosen_pace } else { &self.pace };
-        gpu.sliced("deposit", total, pace, work, progress)
+        let pace = if flights.is_chosen { &self.chosen_pace } else { &self.pace };
+        cx.gpu.sliced("deposit", total, pace, work, progress)
     }
 
     /// Turns sums into fluence, and marks the cells that differ from before, if anybody `asks`.
-    ///
-    /// # Errors
-    /// The device failed, or ended the loops that deposited flights or mark cells.
-    pub fn resolve(
-        &mut self,
-        gpu: &Gpu,
-        (dirty, asks): (&Dirty, bool),
-        counters: &CounterBuffer,
-    ) -> Result<()> {
+    fn resolve(&mut self, cx: Context, dirty: &Dirty, asks: bool) -> Result<()> {
         let is_far = dirty.is_far(self.edge.map(|edge| 2.0 * edge));
         if asks && is_far {
-            dirty.mark_all(gpu)?;
+            dirty.mark_all(cx.gpu)?;
         }
         std::mem::swap(&mut self.before, &mut self.view);
-        let mut stage = gpu.stage("resolve");
+        let mut stage = cx.gpu.stage("resolve");
         let cells = self.grid.iter().map(|&n| u64::from(n)).product();
         let (grid, per_sum, edge) = (self.grid, self.per_sum, self.edge);
         let mut bindings = [self.sum_bindings(), dirty.bindings()].concat();
         bindings.extend([("before", (&self.before).into()), ("fluence", (&self.view).into())]);
-        bindings.push(("counters", counters.buffer().into()));
+        bindings.push(("counters", cx.counters.buffer().into()));
         let params = ResolveParams { grid, per_sum, edge, marks: (asks && !is_far).into() };
         stage.dispatch(&self.resolve, cells, &bindings, &params)?;
         stage.finish()?;
-        counters.read(gpu)?.all_finished("fluence", "change `grid`")
+        cx.counters.read(cx.gpu)?.all_finished("fluence", "change `grid`")
     }
 
-    /// The resolved field, by the names that the segment kernel gives it.
-    pub fn bindings(&self) -> Bindings<'_> {
-        vec![("field", (&self.field).into()), ("fluence", (&self.view).into())]
+    /// Whether the sums are those of the slots; else all is to be summed again.
+    pub fn is_current(&self) -> bool {
+        self.current
     }
 
     /// The sums as they are: red, green, blue.
@@ -229,14 +274,132 @@ impl Fluence {
         Ok([read(r)?, read(g)?, read(b)?])
     }
 
-    /// Bytes of the sums and of the resolved field.
-    pub fn bytes(&self) -> u64 {
-        // Both textures have 16 bytes a cell, the sums 8 a channel.
-        self.sums.iter().map(wgpu::Buffer::size).sum::<u64>() + self.sums[0].size() * 4
-    }
-
     fn sum_bindings(&self) -> Bindings<'_> {
         let [r, g, b] = &self.sums;
         vec![("red", r.into()), ("green", g.into()), ("blue", b.into())]
     }
+}
+
+impl LightField for Fluence {
+    fn name(&self) -> &'static str {
+        "fluence"
+    }
+
+    fn estimator(&self) -> Estimator {
+        Estimator::Fluence
+    }
+
+    fn follows(&self) -> Follows {
+        Follows::Photons
+    }
+
+    fn withdraw(&mut self, cx: Context, map: &PhotonMap, batch: usize) -> Result<()> {
+        // Sums that are not current begin anew.
+        if !self.current {
+            return Ok(());
+        }
+        let flights = map.flights(&map.batches[batch]);
+        self.deposit(cx, flights, Deposit::Remove, &mut Progress::silent())
+    }
+
+    fn begin(&mut self, request: &Request, listed: u64) {
+        self.current &= !request.is_rebuild;
+        (self.listed, self.seen, self.changed) = (listed, 0, 0);
+    }
+
+    /// Old flights leave the sums, new ones come to them; or, where they are many, all is summed anew
+    /// in the end.
+    fn take(
+        &mut self,
+        cx: Context,
+        map: &mut PhotonMap,
+        part: &Part,
+        change: Change,
+        progress: &mut Progress,
+    ) -> Result<()> {
+        if !self.current {
+            return Ok(());
+        }
+        let chosen = map.choose(cx.gpu, part)?;
+        self.photons = cx.scene.lights.photons.into();
+        self.seen += part.listed.len() as u64;
+        self.changed += u64::from(chosen);
+        // As many of the others will change as of those that were seen.
+        let are_few = 2 * self.changed * self.listed <= self.photons * self.seen;
+        self.current = change == Change::Weighed || are_few;
+        if !self.current {
+            return Ok(());
+        }
+        if change == Change::Weighed {
+            let flights = map.journaled_flights(part);
+            return self.deposit(cx, flights, Deposit::Replace, progress);
+        }
+        self.deposit(cx, map.journaled_flights(part), Deposit::Remove, progress)?;
+        self.deposit(cx, map.chosen_flights(part), Deposit::Add, progress)
+    }
+
+    fn build(
+        &mut self,
+        cx: Context,
+        map: &mut PhotonMap,
+        request: &Request,
+        dirty: &Dirty,
+        progress: &mut Progress,
+    ) -> Result<u64> {
+        if !self.current {
+            self.sum_all(cx, map, progress)?;
+        }
+        // All segments of a rebuild are computed, whatever is marked.
+        self.resolve(cx, dirty, !request.is_rebuild)?;
+        Ok(0)
+    }
+
+    fn columns_read(&self) -> u32 {
+        u32::MAX
+    }
+
+    fn segment_light(&self) -> SegmentLight {
+        SegmentLight::Colour
+    }
+
+    fn segment_flags(&self) -> Vec<&'static str> {
+        vec!["fluence"]
+    }
+
+    /// The resolved field, by the names that the segment kernel gives it.
+    fn runs(&self) -> Vec<Run<'_>> {
+        let bindings = vec![("field", (&self.field).into()), ("fluence", (&self.view).into())];
+        vec![Run { bindings, points: 0 }]
+    }
+
+    fn grid(&self) -> Option<[u32; 3]> {
+        Some(self.grid)
+    }
+
+    fn bytes(&self) -> u64 {
+        // Both textures have 16 bytes a cell, the sums 8 a channel.
+        self.sums.iter().map(wgpu::Buffer::size).sum::<u64>() + self.sums[0].size() * 4
+    }
+
+    fn differing(&self, gpu: &Gpu, other: &dyn LightField) -> Result<u64> {
+        let Some(other) = other.fluence() else { return Ok(u64::MAX) };
+        let (own, others) = (self.read(gpu)?, other.read(gpu)?);
+        let of_channel = |(a, b): (&Vec<u64>, &Vec<u64>)| {
+            let pairs = a.iter().zip(b).filter(|(a, b)| a != b).count();
+            (pairs + a.len().abs_diff(b.len())) as u64
+        };
+        Ok(own.iter().zip(&others).map(of_channel).max().unwrap_or(0))
+    }
+
+    fn fluence(&self) -> Option<&Fluence> {
+        Some(self)
+    }
+}
+
+/// Why a grid of fluence cannot be.
+pub(super) fn not_isotropic() -> Error {
+    Error::setting(
+        "the `fluence` estimator knows isotropic scattering only, and a material has phase_g other \
+         than 0: use `estimator = \"points\"`",
+    )
 }

@@ -1,8 +1,9 @@
 //! What kernels count: the work that they did, and what went wrong.
 
 use crate::error::{Error, Result};
-use crate::gpu::Gpu;
+use crate::gpu::run::Bytes;
 use crate::gpu::work::WorkList;
+use crate::gpu::{Gpu, Words};
 
 /// Parts in which each counter is summed on the device.
 pub const COUNTER_STRIPES: u32 = 256;
@@ -50,6 +51,9 @@ pub struct Counters {
     pub repowered: u64,
     /// Means and lights that an update found again for points that its table had.
     pub refreshed: u64,
+    /// Photons that had ended and would go on.
+    #[serde(skip)]
+    pub woken: u64,
 }
 
 impl Counters {
@@ -130,7 +134,7 @@ impl CounterBuffer {
     /// The device failed.
     pub fn save(&self, gpu: &Gpu) -> Result<()> {
         let mut stage = gpu.stage("counters");
-        stage.copy((&self.counters, 0..self.counters.size()), (&self.saved, 0));
+        stage.copy(Bytes::all(&self.counters), &self.saved, 0);
         stage.finish()
     }
 
@@ -140,7 +144,7 @@ impl CounterBuffer {
     /// The device failed.
     pub fn restore(&self, gpu: &Gpu) -> Result<()> {
         let mut stage = gpu.stage("counters");
-        stage.copy((&self.saved, 0..self.saved.size()), (&self.counters, 0));
+        stage.copy(Bytes::all(&self.saved), &self.counters, 0);
         stage.finish()
     }
 
@@ -157,7 +161,7 @@ impl CounterBuffer {
     /// # Errors
     /// The device failed.
     pub fn read_with(&self, gpu: &Gpu, lists: &mut [&mut WorkList]) -> Result<Counters> {
-        let mut parts = vec![(&self.counters, 0..WORDS as u64)];
+        let mut parts = vec![Words { buffer: &self.counters, range: 0..WORDS as u64 }];
         parts.extend(lists.iter().map(|list| list.length()));
         let mut words = gpu.read_words("counters", &parts)?;
         let counts = words.split_off(WORDS);

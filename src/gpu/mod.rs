@@ -25,7 +25,7 @@ use crate::error::{Error, Result};
 use kernel::{Kernel, Library};
 pub use progress::Progress;
 use recorder::Recorder;
-use run::{Clock, Timings};
+use run::{Bytes, Clock, Timings};
 
 /// Threads of a work group, in every kernel that works item by item.
 pub const GROUP: u32 = 64;
@@ -83,8 +83,14 @@ pub struct AdapterReport {
     pub timestamps: bool,
 }
 
-/// A buffer, and which 32-bit words of it are asked for.
-pub type Words<'a> = (&'a wgpu::Buffer, Range<u64>);
+/// Some 32-bit words of a buffer.
+#[derive(Clone)]
+pub struct Words<'a> {
+    /// The buffer.
+    pub buffer: &'a wgpu::Buffer,
+    /// Which of its words.
+    pub range: Range<u64>,
+}
 
 /// A kernel's name and the flags that are set, sorted.
 type KernelKey = (&'static str, Vec<&'static str>);
@@ -336,7 +342,7 @@ impl Gpu {
     /// # Errors
     /// The device failed.
     pub fn read<T: bytemuck::Pod>(&self, stage: &str, buffer: &wgpu::Buffer) -> Result<Vec<T>> {
-        self.fetch(stage, &[(buffer, 0..buffer.size())])
+        self.fetch(stage, &[Bytes::all(buffer)])
     }
 
     /// Copies 32-bit words of buffers back to the host, together: a device that is waited for
@@ -345,17 +351,17 @@ impl Gpu {
     /// # Errors
     /// The device failed.
     pub fn read_words(&self, stage: &str, parts: &[Words]) -> Result<Vec<u32>> {
-        let parts = parts.iter().map(|(buffer, words)| (*buffer, 4 * words.start..4 * words.end));
-        self.fetch(stage, &parts.collect::<Vec<_>>())
+        let bytes = parts.iter().map(|Words { buffer, range }| Bytes {
+            buffer,
+            offset: 4 * range.start,
+            size: 4 * (range.end - range.start),
+        });
+        self.fetch(stage, &bytes.collect::<Vec<_>>())
     }
 
     /// Copies bytes of buffers, all work on them being done.
-    fn fetch<T: bytemuck::Pod>(
-        &self,
-        stage: &str,
-        parts: &[(&wgpu::Buffer, Range<u64>)],
-    ) -> Result<Vec<T>> {
-        let bytes = parts.iter().map(|(_, part)| part.end - part.start).sum();
+    fn fetch<T: bytemuck::Pod>(&self, stage: &str, parts: &[Bytes]) -> Result<Vec<T>> {
+        let bytes = parts.iter().map(|part| part.size).sum();
         // Short readings are many, and a new buffer for each takes longer than the copy.
         let is_short = bytes <= SHORT;
         let spare = if is_short { lock(&self.staging).pop() } else { None };
@@ -369,10 +375,9 @@ impl Gpu {
         });
         let mut recorder = lock(&self.recorder);
         let (encoder, mut at) = (recorder.encoder(self), 0);
-        for (buffer, part) in parts {
-            let bytes = part.end - part.start;
-            encoder.copy_buffer_to_buffer(buffer, part.start, &staging, at, bytes);
-            at += bytes;
+        for Bytes { buffer, offset, size } in parts {
+            encoder.copy_buffer_to_buffer(buffer, *offset, &staging, at, *size);
+            at += size;
         }
         recorder.submit(self);
         drop(recorder);

@@ -5,7 +5,7 @@
 use std::num::NonZero;
 
 use super::kernel::Kernel;
-use super::run::{Resource, Stamps};
+use super::run::{Bytes, Resource, Stamps};
 use super::{Gpu, lock};
 use crate::error::{Error, Result};
 
@@ -51,7 +51,8 @@ impl Recorder {
     pub(super) fn dispatch(
         &mut self,
         gpu: &Gpu,
-        (kernel, [x, y]): (&Kernel, [u32; 2]),
+        kernel: &Kernel,
+        [x, y]: [u32; 2],
         bindings: &[(&'static str, Resource)],
         told: &[u8],
     ) -> Result<()> {
@@ -105,6 +106,10 @@ impl Recorder {
             let given = bindings.iter().find(|(given, _)| given == name).map(|(_, r)| *r);
             let resource = match given {
                 Some(Resource::Buffer(buffer)) => buffer.as_entire_binding(),
+                Some(Resource::Bytes(Bytes { buffer, offset, size })) => {
+                    let size = NonZero::new(size);
+                    wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset, size })
+                }
                 Some(Resource::Texture(view)) => wgpu::BindingResource::TextureView(view),
                 None if name == "params" => wgpu::BindingResource::Buffer(wgpu::BufferBinding {
                     buffer: &self.uniforms,

@@ -16,6 +16,8 @@ const MAX_GROUPS: u32 = 65_535;
 pub enum Resource<'a> {
     /// A whole storage or uniform buffer.
     Buffer(&'a wgpu::Buffer),
+    /// Some bytes of a buffer: they begin at a multiple of 256.
+    Bytes(Bytes<'a>),
     /// A texture.
     Texture(&'a wgpu::TextureView),
 }
@@ -29,6 +31,30 @@ impl<'a> From<&'a wgpu::Buffer> for Resource<'a> {
 impl<'a> From<&'a wgpu::TextureView> for Resource<'a> {
     fn from(view: &'a wgpu::TextureView) -> Self {
         Self::Texture(view)
+    }
+}
+
+/// A part of a buffer.
+#[derive(Clone, Copy)]
+pub struct Bytes<'a> {
+    /// The buffer.
+    pub buffer: &'a wgpu::Buffer,
+    /// Where the part begins.
+    pub offset: u64,
+    /// How many bytes it has.
+    pub size: u64,
+}
+
+impl<'a> Bytes<'a> {
+    /// All of a buffer.
+    pub fn all(buffer: &'a wgpu::Buffer) -> Self {
+        Self { buffer, offset: 0, size: buffer.size() }
+    }
+}
+
+impl<'a> From<Bytes<'a>> for Resource<'a> {
+    fn from(bytes: Bytes<'a>) -> Self {
+        Self::Bytes(bytes)
     }
 }
 
@@ -277,8 +303,7 @@ impl<'g> Stage<'g> {
         }
         const { assert!(size_of::<P>() <= UNIFORM, "a uniform exceeds its room") };
         let told = bytemuck::bytes_of(params);
-        let what = (kernel, groups_for(items));
-        lock(&self.gpu.recorder).dispatch(self.gpu, what, bindings, told)?;
+        lock(&self.gpu.recorder).dispatch(self.gpu, kernel, groups_for(items), bindings, told)?;
         self.dispatched.push(kernel.name);
         self.gpu.check(kernel.name)
     }
@@ -293,22 +318,16 @@ impl<'g> Stage<'g> {
         lock(&self.gpu.recorder).encoder(self.gpu).clear_buffer(buffer, 0, None);
     }
 
-    /// Clears the first bytes of a buffer.
-    pub fn clear_first(&mut self, buffer: &wgpu::Buffer, bytes: u64) {
-        lock(&self.gpu.recorder).encoder(self.gpu).clear_buffer(buffer, 0, Some(bytes));
+    /// Clears a part of a buffer to zero.
+    pub fn clear_bytes(&mut self, Bytes { buffer, offset, size }: Bytes) {
+        lock(&self.gpu.recorder).encoder(self.gpu).clear_buffer(buffer, offset, Some(size));
     }
 
-    /// Copies a part of a buffer, in bytes, into another, from a byte there on.
-    pub fn copy(&mut self, from: (&wgpu::Buffer, std::ops::Range<u64>), to: (&wgpu::Buffer, u64)) {
-        let ((from, part), (to, at)) = (from, to);
+    /// Copies a part of a buffer into another, from the byte `at` there on.
+    pub fn copy(&mut self, from: Bytes, to: &wgpu::Buffer, at: u64) {
+        let Bytes { buffer, offset, size } = from;
         let mut recorder = lock(&self.gpu.recorder);
-        recorder.encoder(self.gpu).copy_buffer_to_buffer(
-            from,
-            part.start,
-            to,
-            at,
-            part.end - part.start,
-        );
+        recorder.encoder(self.gpu).copy_buffer_to_buffer(buffer, offset, to, at, size);
     }
 
     /// Ends the stage. Nobody waits, unless the device has no clock and the host's must do.

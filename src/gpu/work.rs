@@ -108,7 +108,7 @@ impl WorkList {
     /// Where the device has how many are listed.
     pub fn length(&self) -> Words<'_> {
         let blocks = u64::from(self.params().blocks);
-        (&self.sums, blocks..blocks + 1)
+        Words { buffer: &self.sums, range: blocks..blocks + 1 }
     }
 
     /// Reads how many items lists have that were recorded.
@@ -200,7 +200,7 @@ fn shuffled(mut items: Vec<u32>, seed: Option<u64>) -> Vec<u32> {
 /// # Errors
 /// The device failed.
 pub fn fill(gpu: &Gpu, stage: &'static str, buffer: &wgpu::Buffer, pattern: &[u32]) -> Result<()> {
-    fill_first(gpu, stage, (buffer, (buffer.size() / 4) as u32), pattern)
+    fill_first(gpu, stage, buffer, (buffer.size() / 4) as u32, pattern)
 }
 
 /// Fills the first `count` words of a buffer with a repeating pattern of at most eight.
@@ -210,7 +210,8 @@ pub fn fill(gpu: &Gpu, stage: &'static str, buffer: &wgpu::Buffer, pattern: &[u3
 pub fn fill_first(
     gpu: &Gpu,
     stage: &'static str,
-    (buffer, count): (&wgpu::Buffer, u32),
+    buffer: &wgpu::Buffer,
+    count: u32,
     pattern: &[u32],
 ) -> Result<()> {
     let mut words = [0; 8];

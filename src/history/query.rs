@@ -97,9 +97,10 @@ fn octaves(before: f32, after: f32, majorant: f32) -> impl Iterator<Item = u32> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::transfer::Domain;
 
     fn table(edit: impl Fn(&mut Table)) -> Table {
-        let mut table = Table::build(&[], [0.0, 1.0], None);
+        let mut table = Table::build(&[], &Domain::over([0.0, 1.0]), None);
         edit(&mut table);
         table
     }

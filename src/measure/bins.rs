@@ -6,18 +6,16 @@ use serde_json::json;
 
 use super::runs::{edit, in_turn, rebuild, warm};
 use super::{Effort, Report, Sheet, built_in, percent};
-use crate::device_scene::DeviceScene;
+use crate::device_scene::{DeviceScene, Storage};
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::gpu::Progress;
-use crate::history::{BINS, Bins, CHANGE_FALLEN, Query};
+use crate::history::{Bins, CHANGE_FALLEN, Query};
 use crate::photon::{SLOT_BYTES, State};
 use crate::scene::Scene;
 use crate::split::Split;
-use crate::transfer::TABLE_ENTRIES;
 use crate::update::PhotonFrame;
 use crate::volume::Volume;
-use crate::volume::texture::MAX_SQUARES;
 
 /// Scenes with an edit of a material's density.
 const EDITS: [(&str, &str, f64); 7] = [
@@ -77,13 +75,13 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
                 ]
             };
         let (mut photons, mut changed) = (0, 0);
-        for (label, bins) in kinds(&volume) {
-            let device = DeviceScene::with(gpu, &scene, &volume, (bins, MAX_SQUARES))?;
-            let mut frame = PhotonFrame::new(gpu, &scene, device, 1, &Split::default())?;
+        for (label, bins) in kinds() {
+            let device = DeviceScene::stored(gpu, &scene, &volume, &stored(bins))?;
+            let mut frame = PhotonFrame::new(gpu, &scene, device, &Split::default())?;
             warm(gpu, &mut frame)?;
             let [full] = in_turn(effort.runs, [&mut rebuild(gpu, &mut frame)])?;
             let flights = flights(gpu, &frame, &after)?;
-            let [edited] = in_turn(effort.runs, [&mut edit(gpu, &mut frame, (&scene, &after))])?;
+            let [edited] = in_turn(effort.runs, [&mut edit(gpu, &mut frame, &scene, &after)])?;
             let (u, c) = (&edited.updated, &edited.updated.counts);
             (photons, changed) = (u.photons, c.changed);
             let mut row = start(label, c.invalid, (photons, changed), flights);
@@ -96,7 +94,7 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
             sheet.rows.push(row);
         }
         for (label, classes) in [("128 values", 1), ("64 x 2", 2), ("32 x 4", 4), ("16 x 8", 8)] {
-            let flights = two_words(gpu, (&scene, &after), &volume, classes)?;
+            let flights = two_words(gpu, &scene, &after, &volume, classes)?;
             let mut row = start(label, flights.invalid, (photons, changed), flights);
             row.extend([json!(null), json!(SLOT_BYTES + 8), json!(null), json!(null)]);
             sheet.rows.push(row);
@@ -112,38 +110,19 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
 }
 
 /// The kinds of bins that are compared. `32` uses half of the word.
-fn kinds(volume: &Volume) -> Vec<(&'static str, Bins)> {
-    let mut all = Vec::new();
-    let mut thirty_two = Bins::uniform(1);
-    thirty_two.bin_of_entry.iter_mut().for_each(|bin| *bin /= 2);
-    all.push(("32 values", thirty_two));
+fn kinds() -> Vec<(&'static str, Bins)> {
+    let whole = Bins::uniform(1);
+    let mut all = vec![("32 values", Bins { scale: whole.scale / 2, ..whole })];
     for (label, classes) in
         [("64 values", 1), ("32 values x 2 marks", 2), ("16 x 4", 4), ("8 x 8", 8)]
     {
         all.push((label, Bins::uniform(classes)));
     }
-    for (label, classes) in [("64 equalised", 1), ("16 equalised x 4", 4)] {
-        all.push((label, equalised(volume, classes)));
-    }
     all
 }
 
-/// Bins that each hold about as many voxels, the emptiest value aside.
-fn equalised(volume: &Volume, mark_classes: u32) -> Bins {
-    let mut counts = volume.histogram(TABLE_ENTRIES);
-    // Half of a scan is air of one value: it gets the share of the fullest of the others.
-    let mut sorted = counts.clone();
-    sorted.sort_unstable();
-    let cap = sorted[TABLE_ENTRIES - TABLE_ENTRIES / 64].max(1);
-    counts.iter_mut().for_each(|n| *n = (*n).min(cap));
-    let total: u64 = counts.iter().sum::<u64>().max(1);
-    let mut below = 0;
-    let bin_of_entry = counts.iter().map(|n| {
-        let bin = (below * BINS as u64 / total).min(BINS as u64 - 1);
-        below += n;
-        bin as u32
-    });
-    Bins { bin_of_entry: bin_of_entry.collect(), mark_classes }
+fn stored(bins: Bins) -> Storage {
+    Storage { bins: Some(bins), ..Default::default() }
 }
 
 /// Flights of all photons.
@@ -182,14 +161,15 @@ fn is_invalid(state: State, query: &Query, asked: u64) -> bool {
 }
 
 /// What an edit changes of what a frame shows.
-fn query_of(frame: &PhotonFrame, after: &Scene) -> Query {
+fn query_of(frame: &PhotonFrame, after: &Scene) -> Result<Query> {
     let device = &frame.scene;
-    Query::between(&device.table, &device.table_of(after), &device.bins, device.frame.majorant)
+    let table = device.table_of(after)?;
+    Ok(Query::between(&device.table, &table, &device.bins, device.params.majorant))
 }
 
 /// Flights that an edit finds invalid.
 fn flights(gpu: &Gpu, frame: &PhotonFrame, after: &Scene) -> Result<Flights> {
-    let query = query_of(frame, after);
+    let query = query_of(frame, after)?;
     let mut flights = Flights::default();
     for batch in &frame.map.batches {
         let states = gpu.read::<State>("bins", &batch.states)?;
@@ -203,29 +183,32 @@ fn flights(gpu: &Gpu, frame: &PhotonFrame, after: &Scene) -> Result<Flights> {
 /// finds, each of which knows a quarter of the bits.
 fn two_words(
     gpu: &Gpu,
-    (before, after): (&Scene, &Scene),
+    before: &Scene,
+    after: &Scene,
     volume: &Volume,
     mark_classes: u32,
 ) -> Result<Flights> {
     const QUARTER: u32 = 32;
-    // Values below the quarter share bin 0, those above it bin 40: no bit of theirs is asked.
+    // Values below the quarter have bins below 8, those above it bin 40: no bit of theirs is asked.
     const FIRST: u32 = 8;
     const ASKED: u64 = (u32::MAX as u64) << FIRST;
     let split = Split::default();
     let mut found = Vec::<(Vec<State>, usize, Vec<bool>)>::new();
     for quarter in 0..4 {
-        let bin_of = |entry: u32| match entry / (TABLE_ENTRIES as u32 / 128) {
-            bin if bin < quarter * QUARTER => 0,
-            bin => FIRST + (bin - quarter * QUARTER).min(QUARTER),
+        let whole = Bins::uniform(mark_classes);
+        let bins = Bins {
+            scale: 2 * whole.scale,
+            after: FIRST as i32 - (quarter * QUARTER) as i32,
+            low: 0,
+            high: (FIRST + QUARTER) as i32,
+            ..whole
         };
-        let bins =
-            Bins { bin_of_entry: (0..TABLE_ENTRIES as u32).map(bin_of).collect(), mark_classes };
-        let device = DeviceScene::with(gpu, before, volume, (bins, MAX_SQUARES))?;
-        let mut frame = PhotonFrame::new(gpu, before, device, 1, &split)?;
+        let device = DeviceScene::stored(gpu, before, volume, &stored(bins))?;
+        let mut frame = PhotonFrame::new(gpu, before, device, &split)?;
         // The photons will do.
         let mut traced = |boundary| boundary == "light field";
         frame.rebuild(gpu, &split, &mut Progress::until(&mut traced))?;
-        let query = query_of(&frame, after);
+        let query = query_of(&frame, after)?;
         for (i, batch) in frame.map.batches.iter().enumerate() {
             let states = gpu.read::<State>("bins", &batch.states)?;
             let invalid = states.iter().map(|&state| is_invalid(state, &query, ASKED));

@@ -4,7 +4,6 @@ use std::time::Instant;
 
 use crate::device_scene::DeviceScene;
 use crate::error::Result;
-use crate::field::LightField;
 use crate::film::Image;
 use crate::gpu::Gpu;
 use crate::gpu::Progress;
@@ -67,21 +66,37 @@ impl Mismatches {
     }
 }
 
-/// One edit, as an update and as a full rebuild.
+/// An edit applied as an update.
 #[derive(Clone, Debug)]
-pub struct Measured {
+pub struct Update {
     /// What the edit could reach.
     pub scope: Scope,
     /// What the update did.
-    pub updated: Updated,
+    pub done: Updated,
+    /// What edit and update took.
+    pub cost: Cost,
+}
+
+/// A rebuild of everything.
+#[derive(Clone, Debug)]
+pub struct Rebuild {
+    /// What it did.
+    pub done: Updated,
+    /// What it took.
+    pub cost: Cost,
+}
+
+/// One edit, as an update and as a full rebuild.
+#[derive(Clone, Debug)]
+pub struct Measured {
+    /// The edit as an update.
+    pub update: Update,
     /// What the full rebuild counted.
     pub full_counts: Counters,
     /// Table entries whose extinction the majorant clamps.
     pub entries_clamped: usize,
     /// The fastest full rebuild: no histories, no lists, no comparing.
     pub full: Cost,
-    /// Edit and update.
-    pub incremental: Cost,
     /// Against a rebuild by the same kernels, where that was asked for.
     pub mismatches: Option<Mismatches>,
 }
@@ -98,13 +113,13 @@ pub fn measure(
     verify: bool,
     progress: &mut Progress,
 ) -> Result<Measured> {
-    let (scope, updated, incremental) = update(gpu, frame, scene, progress)?;
+    let update = update(gpu, frame, scene, progress)?;
     let mut plain = scene.clone();
     plain.settings.history = false;
     let mut fastest = fresh(gpu, &plain, volume)?;
     // A driver may compile a kernel when it first runs, and how long slices take is to be learned.
     rebuild(gpu, &mut fastest, progress)?;
-    let (rebuilt, full) = rebuild(gpu, &mut fastest, progress)?;
+    let full = rebuild(gpu, &mut fastest, progress)?;
     drop(fastest);
 
     let mismatches = match verify {
@@ -115,8 +130,13 @@ pub fn measure(
             Some(compare(gpu, frame, &rebuilt)?)
         }
     };
-    let (full_counts, entries_clamped) = (rebuilt.counts, frame.scene.table.clamped);
-    Ok(Measured { scope, updated, full_counts, entries_clamped, full, incremental, mismatches })
+    Ok(Measured {
+        update,
+        full_counts: full.done.counts,
+        entries_clamped: frame.scene.table.clamped,
+        full: full.cost,
+        mismatches,
+    })
 }
 
 /// Applies an edited scene to a frame.
@@ -128,44 +148,52 @@ pub fn update(
     frame: &mut PhotonFrame,
     scene: &Scene,
     progress: &mut Progress,
-) -> Result<(Scope, Updated, Cost)> {
+) -> Result<Update> {
     gpu.take_timings()?;
-    let begun = (Instant::now(), gpu.waits());
+    let begun = Begun::now(gpu);
     let scope = frame.edit(gpu, scene, &Split::default())?;
-    let updated = frame.update(gpu, &Split::default(), progress)?;
-    Ok((scope, updated, cost(gpu, begun)?))
+    let done = frame.update(gpu, &Split::default(), progress)?;
+    Ok(Update { scope, done, cost: begun.cost(gpu)? })
 }
 
 /// Rebuilds a frame, its memory and kernels being there before the clock runs.
 ///
 /// # Errors
 /// The device failed.
-pub fn rebuild(
-    gpu: &Gpu,
-    frame: &mut PhotonFrame,
-    progress: &mut Progress,
-) -> Result<(Updated, Cost)> {
+pub fn rebuild(gpu: &Gpu, frame: &mut PhotonFrame, progress: &mut Progress) -> Result<Rebuild> {
     gpu.take_timings()?;
-    let begun = (Instant::now(), gpu.waits());
-    let rebuilt = frame.rebuild(gpu, &Split::default(), progress)?;
-    let cost = cost(gpu, begun)?;
-    Ok((rebuilt, cost))
+    let begun = Begun::now(gpu);
+    let done = frame.rebuild(gpu, &Split::default(), progress)?;
+    Ok(Rebuild { done, cost: begun.cost(gpu)? })
 }
 
-/// A frame with one ray a pixel, of which nothing is computed yet.
+/// A frame of which nothing is computed yet.
 ///
 /// # Errors
 /// Memory does not suffice.
 pub fn fresh(gpu: &Gpu, scene: &Scene, volume: &Volume) -> Result<PhotonFrame> {
     let device = DeviceScene::new(gpu, scene, volume)?;
-    PhotonFrame::new(gpu, scene, device, 1, &Split::default())
+    PhotonFrame::new(gpu, scene, device, &Split::default())
 }
 
-fn cost(gpu: &Gpu, (begun, waits): (Instant, u64)) -> Result<Cost> {
-    gpu.wait("measure")?;
-    let (total, waits) = (milliseconds(begun.elapsed()), gpu.waits() - waits);
-    let phases = Phases::of_last(gpu)?;
-    Ok(Cost { stages: gpu.take_timings()?.rows().to_vec(), total, waits, phases })
+/// When a measurement began.
+struct Begun {
+    at: Instant,
+    waits: u64,
+}
+
+impl Begun {
+    fn now(gpu: &Gpu) -> Self {
+        Self { at: Instant::now(), waits: gpu.waits() }
+    }
+
+    /// What was spent since, all work being done.
+    fn cost(self, gpu: &Gpu) -> Result<Cost> {
+        gpu.wait("measure")?;
+        let (total, waits) = (milliseconds(self.at.elapsed()), gpu.waits() - self.waits);
+        let phases = Phases::of_last(gpu)?;
+        Ok(Cost { stages: gpu.take_timings()?.rows().to_vec(), total, waits, phases })
+    }
 }
 
 /// What differs between two frames of the same scene.
@@ -183,17 +211,7 @@ pub fn compare(gpu: &Gpu, one: &PhotonFrame, other: &PhotonFrame) -> Result<Mism
         found.photon_mismatches += p.len().abs_diff(q.len()) as u64;
         found.photon_mismatches += (0..p.len().min(q.len())).filter(|&i| !same(i)).count() as u64;
     }
-    found.field_mismatches = match (&one.field, &other.field) {
-        (LightField::Fluence(a), LightField::Fluence(b)) => {
-            let ([a, b, c], [d, e, f]) = (a.read(gpu)?, b.read(gpu)?);
-            differing(&a, &d).max(differing(&b, &e)).max(differing(&c, &f))
-        }
-        (LightField::Points(a), LightField::Points(b)) => {
-            let (a, b) = (a.sorted(gpu)?, b.sorted(gpu)?);
-            (a.len().max(b.len()) - in_both(&a, &b)) as u64
-        }
-        _ => u64::MAX,
-    };
+    found.field_mismatches = one.field.differing(gpu, &*other.field)?;
     let segments = |frame: &PhotonFrame| -> Result<Vec<Segment>> {
         let mut all = frame.segments.read(gpu)?;
         all.iter_mut().for_each(|s| s[4..6].fill(0));
@@ -209,18 +227,6 @@ pub fn compare(gpu: &Gpu, one: &PhotonFrame, other: &PhotonFrame) -> Result<Mism
 pub fn differing_pixels(one: &Image, other: &Image) -> u64 {
     let bits = |image: &Image| image.rgb.iter().map(|p| p.map(f32::to_bits)).collect::<Vec<_>>();
     differing(&bits(one), &bits(other))
-}
-
-/// How many items of two sorted lists are in both.
-fn in_both<T: Ord>(one: &[T], other: &[T]) -> usize {
-    let (mut a, mut b, mut both) = (0, 0, 0);
-    while a < one.len() && b < other.len() {
-        let order = one[a].cmp(&other[b]);
-        both += usize::from(order.is_eq());
-        a += usize::from(order.is_le());
-        b += usize::from(order.is_ge());
-    }
-    both
 }
 
 fn differing<T: PartialEq>(one: &[T], other: &[T]) -> u64 {

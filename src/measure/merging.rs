@@ -6,7 +6,7 @@ use serde_json::json;
 use super::runs::{median, warm};
 use super::{Chart, Effort, Report, Series, Sheet, built_in};
 use crate::error::Result;
-use crate::field::LightField;
+use crate::field::points::Points;
 use crate::gpu::Gpu;
 use crate::gpu::Progress;
 use crate::measure;
@@ -60,14 +60,14 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
                 let (mut ms, mut moved) = ([const { Vec::new() }; 4], 0.0);
                 for run in 0..=effort.runs {
                     for anew in [true, false] {
-                        let (share, took) = update(gpu, &mut frame, &after, anew)?;
+                        let took = update(gpu, &mut frame, &after, anew)?;
                         update(gpu, &mut frame, &scene, false)?;
                         // A driver may compile a kernel when it first runs.
                         if run > 0 {
-                            ms[usize::from(!anew)].push(took.light_field);
-                            ms[2 + usize::from(!anew)].push(took.segments);
+                            ms[usize::from(!anew)].push(took.phases.light_field);
+                            ms[2 + usize::from(!anew)].push(took.phases.segments);
                         }
-                        moved = share;
+                        moved = took.moved;
                     }
                 }
                 let ms = ms.map(median);
@@ -75,17 +75,17 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
                 let round = |x: f64| json!((x * 1e3).round() / 1e3);
                 let mut row = vec![
                     json!(name),
-                    json!(frame.estimator),
+                    json!(frame.field.name()),
                     json!(count),
                     json!(factor),
-                    json!(held(&frame)[0]),
+                    json!(points_of(&frame)),
                     round(100.0 * moved),
                 ];
                 row.extend(ms.map(round));
                 sheet.rows.push(row);
             }
             points.sort_by(|a, b| a.0.total_cmp(&b.0));
-            let name = format!("{name}, {}", frame.estimator);
+            let name = format!("{name}, {}", frame.field.name());
             series.push(Series { name, points, joined: true });
         }
     }
@@ -114,19 +114,23 @@ fn thinned(scene: &Scene, count: usize, factor: f64) -> Scene {
     after
 }
 
-/// Points, and how many of them the last update did not find where they had been.
-fn held(frame: &PhotonFrame) -> [u64; 2] {
-    match &frame.field {
-        LightField::Points(points) => [points.count(), points.elsewhere],
-        LightField::Fluence(_) => [0; 2],
-    }
+/// How many points there are.
+fn points_of(frame: &PhotonFrame) -> u64 {
+    frame.field.points().map_or(0, Points::count)
 }
 
-/// The share of the points that moved, and the times that the update took.
-fn update(gpu: &Gpu, frame: &mut PhotonFrame, scene: &Scene, anew: bool) -> Result<(f64, Phases)> {
+/// An update of a merge or of all anew.
+struct Took {
+    /// The share of the points that moved.
+    moved: f64,
+    phases: Phases,
+}
+
+fn update(gpu: &Gpu, frame: &mut PhotonFrame, scene: &Scene, anew: bool) -> Result<Took> {
     let split = Split { anew: Some(anew), ..Split::default() };
     frame.edit(gpu, scene, &split)?;
     frame.update(gpu, &split, &mut Progress::silent())?;
-    let [all, moved] = held(frame);
-    Ok((moved as f64 / all.max(1) as f64, Phases::of_last(gpu)?))
+    let moved = frame.field.points().map_or(0, |points| points.elsewhere);
+    let moved = moved as f64 / points_of(frame).max(1) as f64;
+    Ok(Took { moved, phases: Phases::of_last(gpu)? })
 }

@@ -19,7 +19,8 @@ use crate::error::Result;
 use crate::scene::{Scale, Scene};
 
 pub use edits::{
-    Cost, Measured, Mismatches, compare, differing_pixels, fresh, measure, rebuild, update,
+    Cost, Measured, Mismatches, Rebuild, Update, compare, differing_pixels, fresh, measure,
+    rebuild, update,
 };
 pub use report::{Chart, Report, Series, Sheet};
 

@@ -48,7 +48,7 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
         progress.at("overhead", i as u64, CASES.len() as u64);
         let mut scene = built_in(name)?;
         scene.scale(effort.scale);
-        scene.settings.estimator = Some(estimator);
+        (scene.settings.estimator, scene.settings.rays) = (Some(estimator), 1);
         scene.settings.max_events = events.unwrap_or(scene.settings.max_events);
         let volume = scene.volume.load()?;
         scene.settle(&volume);

@@ -7,7 +7,7 @@ use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::gpu::Progress;
 use crate::gpu::run::Timing;
-use crate::measure::{self, Cost};
+use crate::measure::{self, Cost, Rebuild};
 use crate::scene::Scene;
 use crate::update::{Phases, PhotonFrame, Updated};
 
@@ -55,12 +55,12 @@ impl Runs {
 /// Runs the steps one after the other, `runs` times over.
 pub(super) fn in_turn<const N: usize>(
     runs: usize,
-    mut steps: [&mut dyn FnMut() -> Result<(Updated, Cost)>; N],
+    mut steps: [&mut dyn FnMut() -> Result<Rebuild>; N],
 ) -> Result<[Runs; N]> {
     let mut all = [(); N].map(|()| Runs::default());
     for _ in 0..runs {
         for (step, done) in steps.iter_mut().zip(&mut all) {
-            let (updated, cost) = step()?;
+            let Rebuild { done: updated, cost } = step()?;
             done.costs.push(cost);
             done.updated = updated;
         }
@@ -69,10 +69,7 @@ pub(super) fn in_turn<const N: usize>(
 }
 
 /// A step that rebuilds a frame.
-pub(super) fn rebuild(
-    gpu: &Gpu,
-    frame: &mut PhotonFrame,
-) -> impl FnMut() -> Result<(Updated, Cost)> {
+pub(super) fn rebuild(gpu: &Gpu, frame: &mut PhotonFrame) -> impl FnMut() -> Result<Rebuild> {
     move || measure::rebuild(gpu, frame, &mut Progress::silent())
 }
 
@@ -80,13 +77,14 @@ pub(super) fn rebuild(
 pub(super) fn edit(
     gpu: &Gpu,
     frame: &mut PhotonFrame,
-    (before, after): (&Scene, &Scene),
-) -> impl FnMut() -> Result<(Updated, Cost)> {
+    before: &Scene,
+    after: &Scene,
+) -> impl FnMut() -> Result<Rebuild> {
     move || {
         let silent = &mut Progress::silent();
-        let (_, updated, cost) = measure::update(gpu, frame, after, silent)?;
+        let measure::Update { done, cost, .. } = measure::update(gpu, frame, after, silent)?;
         measure::update(gpu, frame, before, silent)?;
-        Ok((updated, cost))
+        Ok(Rebuild { done, cost })
     }
 }
 

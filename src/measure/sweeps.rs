@@ -170,7 +170,7 @@ fn measured(
     frame.rebuild(gpu, &Split::default(), &mut Progress::silent())?;
     let [full, update] = in_turn(
         effort.runs,
-        [&mut rebuild(gpu, &mut fastest), &mut edit(gpu, &mut frame, (&scene, &after))],
+        [&mut rebuild(gpu, &mut fastest), &mut edit(gpu, &mut frame, &scene, &after)],
     )?;
     let u = &update.updated;
     Ok(Row {

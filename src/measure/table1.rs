@@ -7,7 +7,6 @@ use super::runs::{edit, in_turn, median, rebuild, warm};
 use super::{Chart, Effort, Report, Series, Sheet};
 use super::{built_in, percent, without_histories};
 use crate::error::Result;
-use crate::field::LightField;
 use crate::film::metrics::Metrics;
 use crate::gpu::Gpu;
 use crate::gpu::Progress;
@@ -234,7 +233,7 @@ fn measured(
         [
             &mut rebuild(gpu, &mut fastest),
             &mut rebuild(gpu, &mut fresh),
-            &mut edit(gpu, &mut frame, (&scene, &after)),
+            &mut edit(gpu, &mut frame, &scene, &after),
         ],
     )?;
     measure::update(gpu, &mut frame, &after, silent)?;
@@ -283,10 +282,7 @@ fn measured(
     figures.extend(row.paper.map(|x| json!(x)));
     sheet.rows.push(figures);
     let lists = frame.list_bytes();
-    let of_means = match &frame.field {
-        LightField::Points(points) => points.history_bytes(),
-        LightField::Fluence(_) => 0,
-    };
+    let of_means = frame.field.history_bytes();
     let per_photon = |bytes: u64| round(bytes as f64 / photons as f64);
     let per_layer =
         |bytes: u64| round(bytes as f64 / f64::from(scene.settings.segments) / 1_048_576.0);
@@ -324,8 +320,8 @@ struct Touched {
 /// the light field.
 fn touched(gpu: &Gpu, frame: &PhotonFrame, after: &Scene) -> Result<Touched> {
     let device = &frame.scene;
-    let table = device.table_of(after);
-    let query = Query::between(&device.table, &table, &device.bins, device.frame.majorant);
+    let table = device.table_of(after)?;
+    let query = Query::between(&device.table, &table, &device.bins, device.params.majorant);
     let mut found = Touched::default();
     for batch in &frame.map.batches {
         let states = gpu.read::<State>("table 1", &batch.states)?;

@@ -103,7 +103,7 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
         frame.rebuild(gpu, &Split::default(), silent)?;
         // A driver may compile a kernel when it first runs.
         for (_, after) in edits(&scene).iter().take(2) {
-            in_turn(1, [&mut edit(gpu, &mut frame, (&scene, after))])?;
+            in_turn(1, [&mut edit(gpu, &mut frame, &scene, after)])?;
         }
         for (what, after) in edits(&scene) {
             let (kind, materials) = what;
@@ -111,7 +111,7 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
             warm(gpu, &mut fastest)?;
             let [full, update] = in_turn(
                 effort.runs,
-                [&mut rebuild(gpu, &mut fastest), &mut edit(gpu, &mut frame, (&scene, &after))],
+                [&mut rebuild(gpu, &mut fastest), &mut edit(gpu, &mut frame, &scene, &after)],
             )?;
             let label = [json!(name), json!(estimator.to_string()), json!(kind), json!(materials)];
             let stages = match estimator {

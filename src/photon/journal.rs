@@ -7,19 +7,20 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use super::{Batch, PhotonMap, PhotonParams, SLOT_BYTES};
-use crate::device_scene::DeviceScene;
+use super::{Batch, ByFollower, Flights, Follows, Part, PhotonMap, PhotonParams};
+use crate::device_scene::Context;
 use crate::error::Result;
-use crate::gpu::Gpu;
-use crate::gpu::Progress;
-use crate::gpu::counter::CounterBuffer;
 use crate::gpu::kernel::Kernel;
-use crate::gpu::run::{Bindings, Pace, Stage};
+use crate::gpu::run::{Bindings, Bytes, Pace, Stage};
 use crate::gpu::work::WorkList;
+use crate::gpu::{Gpu, Progress};
 use crate::split::Split;
 
 /// Slots of the journal, at most: 64 MiB.
 const SLOTS: u32 = 1 << 21;
+
+/// Bytes of half a slot.
+const HALF: u64 = 16;
 
 /// Old slots of as many photons as a part may have, and the kernels that compare with them.
 pub(super) struct Journal {
@@ -27,17 +28,17 @@ pub(super) struct Journal {
     most: u32,
     photons: u32,
     max_events: u32,
-    places: wgpu::Buffer,
-    states: wgpu::Buffer,
-    /// Photons of a part that changed, as their first slots that did.
-    chosen: WorkList,
+    /// All places, then all states.
+    slots: wgpu::Buffer,
+    /// Photons of a part that changed, each with its first slot that did: two words.
+    chosen: wgpu::Buffer,
+    /// Which they are.
+    changed: WorkList,
     ranks: wgpu::Buffer,
     copy: Arc<Kernel>,
     weigh: Arc<Kernel>,
-    /// For the fluence, and for points.
-    weighed: [Arc<Kernel>; 2],
-    /// For the fluence, and for points.
-    compare: [Arc<Kernel>; 2],
+    weighed: ByFollower,
+    compare: ByFollower,
     choose: Arc<Kernel>,
     pace: Pace,
 }
@@ -46,19 +47,19 @@ impl Journal {
     /// An empty one.
     pub fn new(gpu: &Gpu, max_events: u32, split: &Split) -> Result<Self> {
         let most = (SLOTS / max_events).min(split.journal.unwrap_or(u32::MAX));
-        let chosen = WorkList::new(gpu, 0)?;
+        let changed = WorkList::new(gpu, 0)?;
         Ok(Self {
             most: most.max(1),
             photons: 0,
             max_events,
-            places: gpu.buffer::<[u32; 4]>("journal", 0)?,
-            states: gpu.buffer::<[u32; 4]>("journal", 0)?,
-            ranks: chosen.ranks(gpu)?,
-            chosen,
+            slots: gpu.buffer::<[u32; 4]>("journal", 0)?,
+            chosen: gpu.buffer::<[u32; 2]>("journal", 0)?,
+            ranks: changed.ranks(gpu)?,
+            changed,
             copy: gpu.kernel("journal", &[])?,
             weigh: gpu.kernel("weigh", &[])?,
-            weighed: [gpu.kernel("weighed", &[])?, gpu.kernel("weighed", &["points"])?],
-            compare: [gpu.kernel("compare", &[])?, gpu.kernel("compare", &["points"])?],
+            weighed: ByFollower::new(gpu, "weighed")?,
+            compare: ByFollower::new(gpu, "compare")?,
             choose: gpu.kernel("chosen", &[])?,
             pace: Pace::new(1 << 14),
         })
@@ -68,129 +69,138 @@ impl Journal {
     pub fn reserve(&mut self, gpu: &Gpu, photons: u32) -> Result<()> {
         let photons = photons.min(self.most);
         if photons > self.photons {
-            let slots = photons as usize * self.max_events as usize;
-            self.places = gpu.buffer::<[u32; 4]>("journal", slots)?;
-            self.states = gpu.buffer::<[u32; 4]>("journal", slots)?;
-            self.chosen = WorkList::new(gpu, photons)?;
-            self.ranks = self.chosen.ranks(gpu)?;
+            // The states must begin where a binding may.
+            let slots = (photons as usize * self.max_events as usize).next_multiple_of(16);
+            self.slots = gpu.buffer::<[u32; 4]>("journal", 2 * slots)?;
+            self.chosen = gpu.buffer::<[u32; 2]>("journal", photons as usize)?;
+            self.changed = WorkList::new(gpu, photons)?;
+            self.ranks = self.changed.ranks(gpu)?;
             self.photons = photons;
         }
         Ok(())
     }
 
-    /// Empties it for a part.
-    fn clear(&self, stage: &mut Stage, part: &PhotonParams) {
-        let slots = u64::from(part.listed) * u64::from(self.max_events);
-        stage.clear_first(&self.states, slots * SLOT_BYTES / 2);
+    fn places(&self) -> Bytes<'_> {
+        Bytes { size: self.slots.size() / 2, ..Bytes::all(&self.slots) }
+    }
+
+    fn states(&self) -> Bytes<'_> {
+        let size = self.slots.size() / 2;
+        Bytes { buffer: &self.slots, offset: size, size }
+    }
+
+    /// Empties it for so many photons.
+    fn clear(&self, stage: &mut Stage, photons: u32) {
+        let size = u64::from(photons) * u64::from(self.max_events) * HALF;
+        stage.clear_bytes(Bytes { size, ..self.states() });
     }
 }
 
 impl PhotonMap {
-    /// What they are told about a part of its work list that the journal holds.
-    pub fn journal_params(&self, batch: &Batch, part: &Range<u32>) -> PhotonParams {
+    /// What kernels are told about a part.
+    fn part_params(&self, part: &Part) -> PhotonParams {
+        let listed = part.listed.len() as u32;
         PhotonParams {
-            first_listed: part.start,
-            listed: part.end - part.start,
-            journal: part.end - part.start,
-            ..self.params(batch)
+            first_listed: part.listed.start,
+            listed,
+            journal_photons: listed,
+            ..self.params(&self.batches[part.batch])
         }
     }
 
     /// The parts of a batch's work list that the journal can hold.
-    pub fn parts(&self, batch: &Batch) -> Vec<Range<u32>> {
-        let count = batch.list.count;
-        let starts = (0..count).step_by(self.journal.photons as usize);
-        starts.map(|start| start..(start + self.journal.photons).min(count)).collect()
+    pub fn parts(&self, batch: usize) -> Vec<Part> {
+        let count = self.batches[batch].list.count;
+        let each = self.journal.photons;
+        let starts = (0..count).step_by(each as usize);
+        starts.map(|from| Part { batch, listed: from..(from + each).min(count) }).collect()
     }
 
-    /// The live slots, for kernels that read those of the journal, too.
-    pub fn live_bindings<'a>(&'a self, batch: &'a Batch) -> Bindings<'a> {
-        vec![
-            ("places", (&batch.places).into()),
-            ("states", (&batch.states).into()),
-            ("chosen", (&self.journal.chosen.items).into()),
-            ("work", (&batch.list.items).into()),
-        ]
-    }
-
-    /// The journal in their place.
-    pub fn journal_bindings<'a>(&'a self, batch: &'a Batch) -> Bindings<'a> {
-        vec![
-            ("places", (&self.journal.places).into()),
-            ("states", (&self.journal.states).into()),
-            ("chosen", (&self.journal.chosen.items).into()),
-            ("work", (&batch.list.items).into()),
-        ]
-    }
-
-    /// Copies the slots of a part to the journal, or with `sign` -1 back.
+    /// Copies the slots of a part to the journal.
     ///
     /// # Errors
     /// The device failed.
-    pub fn copy(&self, gpu: &Gpu, batch: &Batch, part: &Range<u32>, sign: i32) -> Result<()> {
-        let params = PhotonParams { sign, ..self.journal_params(batch, part) };
+    pub fn keep(&self, gpu: &Gpu, part: &Part) -> Result<()> {
+        self.copy(gpu, part, 0)
+    }
+
+    /// Copies the slots of a part back from the journal.
+    pub(super) fn restore(&self, gpu: &Gpu, part: &Part) -> Result<()> {
+        self.copy(gpu, part, 1)
+    }
+
+    fn copy(&self, gpu: &Gpu, part: &Part, restores: u32) -> Result<()> {
+        let params = PhotonParams { restores, ..self.part_params(part) };
         let mut stage = gpu.stage("journal");
-        if sign > 0 {
-            self.journal.clear(&mut stage, &params);
+        if restores == 0 {
+            self.journal.clear(&mut stage, params.listed);
         }
-        let bindings = self.journaled_bindings(batch);
+        let bindings = self.journaled_bindings(&self.batches[part.batch]);
         stage.dispatch(&self.journal.copy, params.listed.into(), &bindings, &params)?;
         stage.finish()
     }
 
-    /// Finds what differs from the journal: tasks then begin there. For `points` slots that
-    /// moved are marked, for the fluence photons that changed.
+    /// Finds what differs from the journal: tasks then begin there, and the light field's marks are
+    /// set.
     ///
     /// # Errors
     /// The device failed.
-    pub fn compare(
-        &self,
-        gpu: &Gpu,
-        batch: &Batch,
-        (part, points): (&Range<u32>, bool),
-        counters: &CounterBuffer,
-    ) -> Result<()> {
-        let params = self.journal_params(batch, part);
-        let mut bindings = self.journaled_bindings(batch);
-        bindings.push(("counters", counters.buffer().into()));
-        let mut stage = gpu.stage("compare");
-        self.journal.chosen.unmark(&mut stage);
-        let kernel = &self.journal.compare[usize::from(points)];
+    pub fn compare(&self, cx: Context, part: &Part, follows: Follows) -> Result<()> {
+        let params = self.part_params(part);
+        let mut bindings = self.journaled_bindings(&self.batches[part.batch]);
+        bindings.push(("counters", cx.counters.buffer().into()));
+        let mut stage = cx.gpu.stage("compare");
+        self.journal.changed.unmark(&mut stage);
+        let kernel = self.journal.compare.of(follows);
         stage.dispatch(kernel, params.listed.into(), &bindings, &params)?;
         stage.finish()
     }
 
-    /// Chooses the photons of a part that changed; returns what kernels are told about them,
-    /// in the journal.
+    /// Chooses the photons of a part that changed; returns how many.
     ///
     /// # Errors
     /// The device failed.
-    pub fn choose(&mut self, gpu: &Gpu, batch: usize, part: &Range<u32>) -> Result<PhotonParams> {
-        let batch = &self.batches[batch];
-        let params = self.journal_params(batch, part);
-        let (chosen, ranks) = (&mut self.journal.chosen, &self.journal.ranks);
+    pub fn choose(&mut self, gpu: &Gpu, part: &Part) -> Result<u32> {
+        let params = self.part_params(part);
+        let batch = &self.batches[part.batch];
+        let Journal { changed, ranks, chosen, choose, .. } = &mut self.journal;
         let bindings = [
             ("work", (&batch.list.items).into()),
             ("tasks", (&batch.tasks).into()),
-            ("marks", (&chosen.marks).into()),
-            ("ranks", ranks.into()),
-            ("chosen", (&chosen.items).into()),
+            ("marks", (&changed.marks).into()),
+            ("ranks", (&*ranks).into()),
+            ("chosen", (&*chosen).into()),
         ];
         let mut stage = gpu.stage("chosen");
-        chosen.rank(&mut stage, ranks)?;
-        stage.dispatch(
-            &self.journal.choose,
-            params.listed.div_ceil(32).into(),
-            &bindings,
-            &params,
-        )?;
+        changed.rank(&mut stage, ranks)?;
+        stage.dispatch(choose, params.listed.div_ceil(32).into(), &bindings, &params)?;
         stage.finish()?;
-        WorkList::learn(gpu, &mut [&mut *chosen])?;
-        Ok(PhotonParams { listed: chosen.count, chosen: 1, ..params })
+        WorkList::learn(gpu, &mut [&mut *changed])?;
+        Ok(changed.count)
+    }
+
+    /// The flights that the chosen photons of a part have.
+    pub fn chosen_flights(&self, part: &Part) -> Flights<'_> {
+        let all = self.flights(&self.batches[part.batch]);
+        let mut bindings = all.bindings;
+        bindings.retain(|(name, _)| *name != "work");
+        bindings.push(("work", (&self.journal.chosen).into()));
+        Flights { bindings, listed: self.journal.changed.count, is_chosen: true, ..all }
+    }
+
+    /// The flights that they had, as the journal has them.
+    pub fn journaled_flights(&self, part: &Part) -> Flights<'_> {
+        let bindings = vec![
+            ("places", self.journal.places().into()),
+            ("states", self.journal.states().into()),
+            ("work", (&self.journal.chosen).into()),
+        ];
+        let stride = part.listed.len() as u32;
+        Flights { bindings, stride, in_journal: true, ..self.chosen_flights(part) }
     }
 
     /// Weighs again a part of a batch's work list in which no flight is invalid and no light
-    /// has changed, and finds what that has changed, as `compare` does; the journal then has
+    /// has changed, and finds what that has changed, as [`Self::compare`] does; the journal then has
     /// their flights with the power that they had and the power that they have. Returns false
     /// where a photon that had ended would go on: nothing is done then, and the part is to be
     /// traced.
@@ -199,24 +209,25 @@ impl PhotonMap {
     /// The device failed.
     pub fn weigh(
         &self,
-        gpu: &Gpu,
-        scene: &DeviceScene,
-        counters: &CounterBuffer,
-        (batch, part, points): (&Batch, &Range<u32>, bool),
+        cx: Context,
+        part: &Part,
+        follows: Follows,
         progress: &mut Progress,
     ) -> Result<bool> {
+        let Context { gpu, counters, .. } = cx;
         counters.save(gpu)?;
-        let all = self.journal_params(batch, part);
-        let mut bindings = [scene.bindings(), self.journaled_bindings(batch)].concat();
+        let all = self.part_params(part);
+        let own = self.journaled_bindings(&self.batches[part.batch]);
+        let mut bindings = [cx.scene.bindings(), own].concat();
         bindings.push(("counters", counters.buffer().into()));
         let mut stage = gpu.stage("weigh");
-        self.journal.clear(&mut stage, &all);
-        self.journal.chosen.unmark(&mut stage);
+        self.journal.clear(&mut stage, all.listed);
+        self.journal.changed.unmark(&mut stage);
         stage.finish()?;
         let total = u64::from(all.listed);
         let work = |stage: &mut Stage, range: Range<u64>| {
             let params = PhotonParams {
-                first_item: part.start + range.start as u32,
+                first_item: all.first_listed + range.start as u32,
                 items: (range.end - range.start) as u32,
                 ..all
             };
@@ -224,12 +235,13 @@ impl PhotonMap {
         };
         let pace = &self.journal.pace;
         gpu.sliced("weigh", total, pace, work, &mut |n| progress.at("weigh", n, total))?;
-        if counters.read(gpu)?.unfinished > 0 {
+        let after = counters.read(gpu)?;
+        if after.woken > 0 || after.unfinished > 0 {
             counters.restore(gpu)?;
             return Ok(false);
         }
         let mut stage = gpu.stage("weighed");
-        stage.dispatch(&self.journal.weighed[usize::from(points)], total, &bindings, &all)?;
+        stage.dispatch(self.journal.weighed.of(follows), total, &bindings, &all)?;
         stage.finish()?;
         Ok(true)
     }
@@ -239,17 +251,16 @@ impl PhotonMap {
         let mut bindings = batch.bindings();
         bindings.retain(|(name, _)| *name != "marks");
         bindings.extend([
-            ("old_places", (&self.journal.places).into()),
-            ("old_states", (&self.journal.states).into()),
-            ("marks", (&self.journal.chosen.marks).into()),
-            ("moved", (&batch.moved).into()),
+            ("journal", (&self.journal.slots).into()),
+            ("marks", (&self.journal.changed.marks).into()),
+            ("slot_marks", (&batch.slot_marks).into()),
         ]);
         bindings
     }
 
     /// Bytes of the journal.
     pub fn journal_bytes(&self) -> u64 {
-        let Journal { places, states, chosen, ranks, .. } = &self.journal;
-        places.size() + states.size() + chosen.bytes() + ranks.size()
+        let Journal { slots, chosen, changed, ranks, .. } = &self.journal;
+        slots.size() + chosen.size() + changed.bytes() + ranks.size()
     }
 }

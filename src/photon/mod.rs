@@ -20,12 +20,11 @@ use std::sync::Arc;
 
 use self::journal::Journal;
 use crate::bits::words;
-use crate::device_scene::DeviceScene;
 use crate::device_scene::lights::Lights;
+use crate::device_scene::{Context, DeviceScene};
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::gpu::Progress;
-use crate::gpu::counter::CounterBuffer;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
 use crate::gpu::run::{Bindings, Pace, Stage};
@@ -65,14 +64,10 @@ shared_struct! {
         pub roulette_from: u32,
         /// Probability to survive it.
         pub roulette_survival: f32,
-        /// Scale of the integer sums.
-        pub scale: f32,
-        /// 1 adds to the light field, -1 takes out; 0 does both: the power alone changed.
-        pub sign: i32,
-        /// Cells of the fluence grid.
-        pub grid: [u32; 3],
-        /// Photons that the journal holds, or 0 where the slots are the live ones.
-        pub journal: u32,
+        /// Photons that the journal holds.
+        pub journal_photons: u32,
+        /// 1 where what the journal holds goes back to the slots.
+        pub restores: u32,
         /// Bins where a flight may be stopped that was not.
         pub risen: [u32; 2],
         /// First event of the window that a dispatch traces, from where each photon resumes.
@@ -85,8 +80,19 @@ shared_struct! {
         pub roulette_gain: u32,
         /// See `roulette_gain`.
         pub roulette_doublings: i32,
-        /// 1 where it is of the chosen photons of a part only, `listed` of them.
-        pub chosen: u32,
+        /// Keeps the size a multiple of 16.
+        pub pad: u32,
+    }
+}
+
+shared_struct! {
+    /// What the light field does not know of 32 slots yet, a bit each.
+    pub struct SlotMarks {
+        /// Those that came, went or are elsewhere.
+        pub moved: u32,
+        /// Those that may give other light where they are: of another power, or of a material that
+        /// scatters otherwise.
+        pub altered: u32,
     }
 }
 
@@ -140,14 +146,12 @@ pub struct Batch {
     pub relit: bool,
     /// Slots changed that the light field does not know of yet.
     pub stale: bool,
-    /// A bit for each slot that came, went or is elsewhere, and the light field does not know; then
-    /// one for each that may give other light where it was: of another power, or of a material that
-    /// scatters otherwise.
-    pub moved: wgpu::Buffer,
-    /// Whether there is any of the former.
+    /// [`SlotMarks`] of its slots.
+    pub slot_marks: wgpu::Buffer,
+    /// Whether any slot may have moved.
     pub any_moved: bool,
-    /// Whether there is any of the latter.
-    pub any_relit: bool,
+    /// Whether any may give other light.
+    pub any_altered: bool,
 }
 
 impl Batch {
@@ -164,9 +168,9 @@ impl Batch {
             list: WorkList::new(gpu, photons)?,
             relit: false,
             stale: true,
-            moved: gpu.buffer::<u32>("moved slots", 2 * slots.div_ceil(32))?,
+            slot_marks: gpu.buffer::<SlotMarks>("slot marks", slots.div_ceil(32))?,
             any_moved: true,
-            any_relit: true,
+            any_altered: true,
         };
         batch.forget(gpu)?;
         Ok(batch)
@@ -188,26 +192,26 @@ impl Batch {
     /// # Errors
     /// The device failed.
     pub fn forget(&mut self, gpu: &Gpu) -> Result<()> {
-        (self.any_moved, self.any_relit) = (true, true);
-        fill(gpu, "forget", &self.moved, &[u32::MAX])?;
+        (self.any_moved, self.any_altered) = (true, true);
+        fill(gpu, "forget", &self.slot_marks, &[u32::MAX])?;
         let mut stage = gpu.stage("forget");
         stage.clear(&self.places);
         stage.clear(&self.states);
         stage.finish()?;
         let first = self.photons * NEVER.len() as u32;
-        fill_first(gpu, "forget", (&self.states, first), &NEVER)
+        fill_first(gpu, "forget", &self.states, first, &NEVER)
     }
 
     /// The light field knows all slots as they are.
     ///
     /// # Errors
     /// The device failed.
-    pub fn settle(&mut self, gpu: &Gpu) -> Result<()> {
+    pub fn unmark(&mut self, gpu: &Gpu) -> Result<()> {
         self.stale = false;
-        let [moved, relit] = [&mut self.any_moved, &mut self.any_relit].map(std::mem::take);
-        if moved || relit {
-            let mut stage = gpu.stage("moved slots");
-            stage.clear(&self.moved);
+        let [moved, altered] = [&mut self.any_moved, &mut self.any_altered].map(std::mem::take);
+        if moved || altered {
+            let mut stage = gpu.stage("slot marks");
+            stage.clear(&self.slot_marks);
             stage.finish()?;
         }
         Ok(())
@@ -224,6 +228,46 @@ impl Batch {
     }
 }
 
+/// What a light field wants to be told of photons that change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Follows {
+    /// Photons, of which it takes all flights from the first that changed on.
+    Photons,
+    /// Slots, each as it moved or gives other light.
+    Slots,
+}
+
+/// A part of a batch's work list, as much as the journal holds.
+#[derive(Clone, Debug)]
+pub struct Part {
+    /// Place of the batch in the map.
+    pub batch: usize,
+    /// Of its work list.
+    pub listed: Range<u32>,
+}
+
+/// Flights to be added to a light field or taken out of it.
+pub struct Flights<'a> {
+    /// Slots and work list, by the names that kernels give them.
+    pub bindings: Bindings<'a>,
+    /// Which light the batch belongs to.
+    pub light: u32,
+    /// The light's photon that is the batch's first.
+    pub first_index: u32,
+    /// Slots of a photon.
+    pub max_events: u32,
+    /// First of the work list, where it lists photons.
+    pub first_listed: u32,
+    /// How many photons.
+    pub listed: u32,
+    /// Slots from one event to the next.
+    pub stride: u32,
+    /// Whether the slots are those that the journal keeps.
+    pub in_journal: bool,
+    /// Whether the list is of chosen photons.
+    pub is_chosen: bool,
+}
+
 /// All photons, in batches.
 pub struct PhotonMap {
     /// The batches, in the order of the scene's lights.
@@ -235,9 +279,27 @@ pub struct PhotonMap {
     /// What is told of every batch; `risen` is that of the query that listed last.
     params: PhotonParams,
     trace: Arc<Kernel>,
-    /// For the fluence, and for `points`.
-    query: [Arc<Kernel>; 2],
+    query: ByFollower,
     pace: Pace,
+}
+
+/// A kernel for each of what light fields may follow.
+struct ByFollower {
+    photons: Arc<Kernel>,
+    slots: Arc<Kernel>,
+}
+
+impl ByFollower {
+    fn new(gpu: &Gpu, name: &'static str) -> Result<Self> {
+        Ok(Self { photons: gpu.kernel(name, &[])?, slots: gpu.kernel(name, &["points"])? })
+    }
+
+    fn of(&self, follows: Follows) -> &Kernel {
+        match follows {
+            Follows::Photons => &self.photons,
+            Follows::Slots => &self.slots,
+        }
+    }
 }
 
 impl PhotonMap {
@@ -273,11 +335,10 @@ impl PhotonMap {
                 roulette_survival: settings.roulette_survival as f32,
                 roulette_gain,
                 roulette_doublings,
-                sign: 1,
                 ..Default::default()
             },
-            trace: trace_kernel(gpu, scene)?,
-            query: [gpu.kernel("photon_query", &[])?, gpu.kernel("photon_query", &["points"])?],
+            trace: gpu.kernel("trace", &scene.flags())?,
+            query: ByFollower::new(gpu, "photon_query")?,
             pace: Pace::new(1 << 14),
         };
         map.arrange(gpu, &scene.lights, ids)?;
@@ -289,7 +350,7 @@ impl PhotonMap {
     /// # Errors
     /// The device refuses them.
     pub fn respecialise(&mut self, gpu: &Gpu, scene: &DeviceScene) -> Result<()> {
-        self.trace = trace_kernel(gpu, scene)?;
+        self.trace = gpu.kernel("trace", &scene.flags())?;
         Ok(())
     }
 
@@ -322,34 +383,23 @@ impl PhotonMap {
         self.journal.reserve(gpu, largest)
     }
 
-    /// Lists the photons of a batch that an edit touches; how many is to be learned yet. For
-    /// `points` slots whose material scatters otherwise are marked.
+    /// Lists the photons of a batch that an edit touches; how many is to be learned yet. Where a
+    /// light field follows slots, those whose material scatters otherwise are marked.
     ///
     /// # Errors
     /// The device failed.
-    pub fn list(
-        &mut self,
-        gpu: &Gpu,
-        scene: &DeviceScene,
-        counters: &CounterBuffer,
-        (batch, risen, points): (usize, u64, bool),
-    ) -> Result<()> {
+    pub fn list(&mut self, cx: Context, batch: usize, risen: u64, follows: Follows) -> Result<()> {
         self.params.risen = words(risen);
-        let params = PhotonParams {
-            relit: self.batches[batch].relit.into(),
-            ..self.params(&self.batches[batch])
-        };
         let batch = &self.batches[batch];
-        let mut bindings = [scene.bindings(), batch.bindings()].concat();
-        bindings.extend([("counters", counters.buffer().into()), ("moved", (&batch.moved).into())]);
-        let mut stage = gpu.stage("photon_query");
+        let params = PhotonParams { relit: batch.relit.into(), ..self.params(batch) };
+        let mut bindings = [cx.scene.bindings(), batch.bindings()].concat();
+        bindings.extend([
+            ("counters", cx.counters.buffer().into()),
+            ("slot_marks", (&batch.slot_marks).into()),
+        ]);
+        let mut stage = cx.gpu.stage("photon_query");
         batch.list.unmark(&mut stage);
-        stage.dispatch(
-            &self.query[usize::from(points)],
-            batch.photons.into(),
-            &bindings,
-            &params,
-        )?;
+        stage.dispatch(self.query.of(follows), batch.photons.into(), &bindings, &params)?;
         batch.list.record(stage)
     }
 
@@ -364,30 +414,41 @@ impl PhotonMap {
         }
     }
 
-    /// Traces a part of a batch's work list, a window of events at a time. Where the driver
-    /// ends the loops of a window, it is done again event by event, from the journal where
-    /// there is one (`journaled`).
+    /// Traces all photons that a batch lists.
+    ///
+    /// # Errors
+    /// As [`Self::trace`].
+    pub fn trace_all(&self, cx: Context, batch: usize, progress: &mut Progress) -> Result<()> {
+        let listed = 0..self.batches[batch].list.count;
+        self.trace_whole(cx, &Part { batch, listed }, |_| Ok(()), progress)
+    }
+
+    /// Traces a part of a batch's work list, whose slots the journal has.
     ///
     /// # Errors
     /// The device failed, or ended the loops of even a single flight.
-    pub fn trace(
+    pub fn trace(&self, cx: Context, part: &Part, progress: &mut Progress) -> Result<()> {
+        self.trace_whole(cx, part, |map| map.restore(cx.gpu, part), progress)
+    }
+
+    /// Traces a window of events at a time. Where the driver ends the loops of a window, it is done
+    /// again event by event, from the slots as they are after `undo`.
+    fn trace_whole(
         &self,
-        gpu: &Gpu,
-        scene: &DeviceScene,
-        counters: &CounterBuffer,
-        (batch, part, journaled): (&Batch, Range<u32>, bool),
+        cx: Context,
+        part: &Part,
+        undo: impl Fn(&Self) -> Result<()>,
         progress: &mut Progress,
     ) -> Result<()> {
+        let Context { gpu, counters, .. } = cx;
         counters.save(gpu)?;
         for window in [EVENTS_AT_ONCE, 1] {
-            self.trace_windows(gpu, scene, counters, (batch, part.clone(), window), progress)?;
+            self.trace_windows(cx, part, window, progress)?;
             let after = counters.read(gpu)?;
             if after.unfinished == 0 {
                 return Ok(());
             }
-            if journaled {
-                self.copy(gpu, batch, &part, -1)?;
-            }
+            undo(self)?;
             if window == 1 {
                 let remedy = "lower `majorant` and the extinctions, or the volume's resolution";
                 after.all_finished("trace", remedy)?;
@@ -399,20 +460,20 @@ impl PhotonMap {
 
     fn trace_windows(
         &self,
-        gpu: &Gpu,
-        scene: &DeviceScene,
-        counters: &CounterBuffer,
-        (batch, part, window): (&Batch, Range<u32>, u32),
+        cx: Context,
+        part: &Part,
+        window: u32,
         progress: &mut Progress,
     ) -> Result<()> {
-        let mut bindings = [scene.bindings(), batch.bindings()].concat();
-        bindings.push(("counters", counters.buffer().into()));
-        let total = u64::from(part.end - part.start);
+        let batch = &self.batches[part.batch];
+        let mut bindings = [cx.scene.bindings(), batch.bindings()].concat();
+        bindings.push(("counters", cx.counters.buffer().into()));
+        let total = part.listed.len() as u64;
         let work = |stage: &mut Stage, range: Range<u64>| {
             for first_event in (0..self.max_events).step_by(window as usize) {
                 let items = range.end - range.start;
                 let params = PhotonParams {
-                    first_item: part.start + range.start as u32,
+                    first_item: part.listed.start + range.start as u32,
                     items: items as u32,
                     first_event,
                     stop_event: first_event + window,
@@ -422,7 +483,26 @@ impl PhotonMap {
             }
             Ok(())
         };
-        gpu.sliced("trace", total, &self.pace, work, &mut |n| progress.at("trace", n, total))
+        cx.gpu.sliced("trace", total, &self.pace, work, &mut |n| progress.at("trace", n, total))
+    }
+
+    /// The flights of all photons that a batch lists.
+    pub fn flights<'a>(&self, batch: &'a Batch) -> Flights<'a> {
+        Flights {
+            bindings: vec![
+                ("places", (&batch.places).into()),
+                ("states", (&batch.states).into()),
+                ("work", (&batch.list.items).into()),
+            ],
+            light: batch.light,
+            first_index: batch.first_index,
+            max_events: self.max_events,
+            first_listed: 0,
+            listed: batch.list.count,
+            stride: batch.photons,
+            in_journal: false,
+            is_chosen: false,
+        }
     }
 
     /// Bytes of all slots.
@@ -432,7 +512,7 @@ impl PhotonMap {
 
     /// Bytes of tasks, work lists and marks of slots.
     pub fn list_bytes(&self) -> u64 {
-        self.batches.iter().map(|b| b.tasks.size() + b.list.bytes() + b.moved.size()).sum()
+        self.batches.iter().map(|b| b.tasks.size() + b.list.bytes() + b.slot_marks.size()).sum()
     }
 }
 
@@ -440,10 +520,4 @@ impl PhotonMap {
 fn eighteen_bits(factor: f64) -> (u32, i32) {
     let doublings = factor.log2().ceil();
     ((factor * (18.0 - doublings).exp2()).round() as u32, doublings as i32)
-}
-
-fn trace_kernel(gpu: &Gpu, scene: &DeviceScene) -> Result<Arc<Kernel>> {
-    let flags =
-        ["nearest", "squares", "float_voxels", "anisotropic", "history", "skip", "listed_bins"];
-    gpu.kernel("trace", &scene.flags(&flags))
 }

@@ -54,9 +54,7 @@ pub fn draw(
     what: What,
     params: ProbeParams,
 ) -> Result<[Vec<[f32; 4]>; 3]> {
-    let flags =
-        ["nearest", "squares", "float_voxels", "anisotropic", "history", "skip", "listed_bins"];
-    let kernel = gpu.kernel("probe", &scene.flags(&flags))?;
+    let kernel = gpu.kernel("probe", &scene.flags())?;
     let buffer = || gpu.buffer::<[f32; 4]>("probe", params.count as usize);
     let (first, second, third) = (buffer()?, buffer()?, buffer()?);
     let mut bindings = scene.bindings();

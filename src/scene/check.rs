@@ -165,6 +165,10 @@ impl Settings {
         let step = (1e-3..=4.0).contains(&self.step);
         scalar("step", self.step, step, "it must be in [0.001, 4] smallest spacings")?;
         positive("majorant", self.majorant, "per mm")?;
+        if let Some([low, high]) = self.range {
+            let ascends = low < high && (high - low).is_finite();
+            scalar("range", high, ascends, &format!("it must ascend, from {low} on"))?;
+        }
         count("rays", self.rays.into(), 1, 65_536)?;
         count("samples", self.samples.into(), 1, max)?;
         if let Some(events) = self.reference_events {

@@ -28,6 +28,7 @@ use crate::volume::phantom::Phantom;
 pub use crate::transfer::Material;
 pub use camera::{Camera, CameraPlace, Rays, View};
 pub use edit::{CameraChange, Changes, Edit, LightChange, MaterialChange};
+pub use place::{effective_majorant, extinction_limit, greatest_majorant};
 pub use read::preset;
 
 /// Everything a render needs.
@@ -252,8 +253,12 @@ pub struct Settings {
     pub segments: u32,
     /// March step over the smallest spacing, in [0.001, 4].
     pub step: f64,
-    /// 1/mm, > 0; extinction is clamped there. `None`: derived by [`Scene::settle`].
+    /// Rate of tentative collisions, 1/mm, > 0; more where an extinction is greater. `None`: derived by
+    /// [`Scene::settle`].
     pub majorant: Option<f64>,
+    /// Data values that the transfer function's table resolves, ascending; `None`: derived by
+    /// [`Scene::settle`], or every whole number of integer data that span at most 4095.
+    pub range: Option<[f64; 2]>,
     /// View rays a pixel of a final picture, >= 1.
     pub rays: u32,
     /// Samples a pixel of the reference and of Monte-Carlo ray casting, >= 1.
@@ -288,6 +293,7 @@ impl Default for Settings {
             segments: 16,
             step: 0.5,
             majorant: None,
+            range: None,
             rays: 4,
             samples: 256,
             reference_events: None,

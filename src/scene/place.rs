@@ -5,11 +5,38 @@ use std::f64::consts::PI;
 use glam::DVec3;
 
 use super::{Camera, CameraPlace, Light, LightKind, Scene};
-use crate::transfer::Table;
-use crate::volume::Volume;
+use crate::transfer::{Domain, Table};
+use crate::volume::{Numbers, Volume};
 
 /// Mean free paths per smallest voxel spacing beyond which extinction is clamped.
 const MAX_PATHS_PER_VOXEL: f64 = 4.0;
+
+/// The greatest majorant that is derived for voxels of a spacing, 1/mm.
+pub fn greatest_majorant(spacing: DVec3) -> f64 {
+    MAX_PATHS_PER_VOXEL / spacing.min_element()
+}
+
+/// What a majorant grows by until an edited extinction fits below it: rarely, for all photons are
+/// traced anew then.
+const HEADROOM: f64 = 1.25;
+
+/// Where extinction is clamped, 1/mm: at the settled majorant, or at four mean free paths per voxel if
+/// that is more.
+pub fn extinction_limit(settled: f64, spacing: DVec3) -> f64 {
+    settled.max(greatest_majorant(spacing))
+}
+
+/// The rate of tentative collisions, 1/mm: the settled majorant while the `greatest` extinction fits
+/// below it, else as many times a quarter more as it takes. It depends on the scene as it stands and
+/// on nothing before, so that an edit that is undone leaves no trace.
+pub fn effective_majorant(settled: f64, greatest: f64, spacing: DVec3) -> f64 {
+    // Kernels compare in single precision.
+    if greatest as f32 <= settled as f32 {
+        return settled;
+    }
+    let steps = (greatest / settled).log(HEADROOM).ceil().max(1.0);
+    (settled * HEADROOM.powf(steps)).min(extinction_limit(settled, spacing))
+}
 
 /// The majorant of a scene without extinction, 1/mm: a Poisson process needs a rate.
 const MIN_MAJORANT: f64 = 1e-6;
@@ -63,8 +90,8 @@ impl Scene {
     pub fn settle(&mut self, volume: &Volume) {
         self.place(volume);
         if self.settings.majorant.is_none() {
-            let cap = MAX_PATHS_PER_VOXEL / volume.spacing().min_element();
-            let greatest = self.greatest_extinction(volume.range());
+            let cap = greatest_majorant(volume.spacing());
+            let greatest = self.greatest_extinction(&volume.numbers());
             self.settings.majorant = Some(greatest.min(cap).max(MIN_MAJORANT));
         }
         if self.settings.flux_unit.is_none() {
@@ -75,9 +102,16 @@ impl Scene {
         }
     }
 
-    fn greatest_extinction(&self, range: [f64; 2]) -> f64 {
-        let greatest =
-            |scene: &Self| f64::from(Table::build(&scene.materials, range, None).max_extinction());
+    /// The domain of the table of a settled scene.
+    pub fn domain(&self, volume: &Volume) -> Domain {
+        Domain::fitting(self.settings.range, &volume.numbers(), &self.materials)
+    }
+
+    fn greatest_extinction(&self, numbers: &Numbers) -> f64 {
+        let greatest = |scene: &Self| {
+            let domain = Domain::fitting(scene.settings.range, numbers, &scene.materials);
+            f64::from(Table::build(&scene.materials, &domain, None).max_extinction())
+        };
         let mut all = self.clone();
         let mut result = greatest(self);
         for edit in &self.edits {

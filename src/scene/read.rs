@@ -180,6 +180,7 @@ fn settings(s: &Section) -> Result<Settings> {
         "segments",
         "step",
         "majorant",
+        "range",
         "rays",
         "samples",
         "reference_events",
@@ -202,6 +203,7 @@ fn settings(s: &Section) -> Result<Settings> {
     set(&mut v.segments, s.count("segments")?);
     set(&mut v.step, s.number("step")?);
     v.majorant = s.number("majorant")?;
+    v.range = s.pair("range")?;
     set(&mut v.rays, s.count("rays")?);
     set(&mut v.samples, s.count("samples")?);
     v.reference_events = s.count("reference_events")?;

@@ -84,7 +84,7 @@ impl Scene {
                  its rays cannot be told apart; move it nearer, or raise `fov_deg` or `step`"
             )));
         }
-        if !Table::build(&self.materials, [low, high], None).is_empty() {
+        if !Table::build(&self.materials, &self.domain(volume), None).is_empty() {
             return Ok(());
         }
         Err(Error::setting(format!(

@@ -138,6 +138,7 @@ impl Writer {
         self.put_whole("segments", s.segments);
         self.put("step", s.step);
         self.put_some("majorant", s.majorant);
+        self.put_some("range", s.range.map(|range| range.to_vec()));
         self.put_whole("rays", s.rays);
         self.put_whole("samples", s.samples);
         self.put_some("reference_events", s.reference_events.map(i64::from));

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use crate::error::Result;
-use crate::field::LightField;
+use crate::field::SegmentLight;
 use crate::film::Image;
 use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
@@ -49,14 +49,17 @@ pub struct Composite {
 }
 
 impl Composite {
-    /// An empty film of the scene's size, for segments of a light field.
+    /// An empty film of the scene's size, for segments that keep their light so.
     ///
     /// # Errors
     /// The film does not fit a binding; the memory is refused.
-    pub fn new(gpu: &Gpu, scene: &Scene, field: &LightField) -> Result<Self> {
+    pub fn new(gpu: &Gpu, scene: &Scene, light: SegmentLight) -> Result<Self> {
         let size = [scene.camera.width, scene.camera.height];
         let pixels = size.iter().map(|&n| n as usize).product();
-        let flags: &[_] = if matches!(field, LightField::Points(_)) { &["points"] } else { &[] };
+        let flags: &[_] = match light {
+            SegmentLight::Sums { .. } => &["points"],
+            SegmentLight::Colour => &[],
+        };
         Ok(Self {
             size,
             film: gpu.buffer::<[f32; 4]>("film", pixels)?,
@@ -72,7 +75,7 @@ impl Composite {
     }
 
     /// All pixels have the background that there is.
-    pub fn settle(&mut self) {
+    pub fn all_painted(&mut self) {
         self.painted = Some(self.background);
     }
 
@@ -83,7 +86,8 @@ impl Composite {
     pub fn record(
         &self,
         gpu: &Gpu,
-        [segments, touched]: [&wgpu::Buffer; 2],
+        segments: &wgpu::Buffer,
+        touched: &wgpu::Buffer,
         params: CompositeParams,
     ) -> Result<()> {
         let params = CompositeParams { background: self.background, ..params };

@@ -13,15 +13,15 @@ use std::sync::Arc;
 
 use self::composite::{Composite, CompositeParams};
 
-use crate::bits::{CONTRIBUTION, words};
-use crate::device_scene::DeviceScene;
+use crate::bits::words;
+use crate::device_scene::{Context, DeviceScene};
 use crate::error::{Error, Result};
 use crate::field::dirty::Dirty;
-use crate::field::{LightField, Run};
+use crate::field::{LightField, Run, SegmentLight};
 use crate::film::Image;
 use crate::gpu::Gpu;
 use crate::gpu::Progress;
-use crate::gpu::counter::{CounterBuffer, Counters};
+use crate::gpu::counter::Counters;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
 use crate::gpu::run::{Pace, Stage};
@@ -125,17 +125,41 @@ struct Band {
 }
 
 /// What segments are computed from.
-pub struct SegmentStage<'a> {
-    /// The device.
-    pub gpu: &'a Gpu,
-    /// The scene.
-    pub device: &'a DeviceScene,
-    /// Its light.
-    pub field: &'a LightField,
-    /// Where light changed.
+#[derive(Clone, Copy)]
+pub struct Sources<'a> {
+    /// The light.
+    pub field: &'a dyn LightField,
+    /// Where it changed.
     pub dirty: &'a Dirty,
-    /// What is counted.
-    pub counters: &'a CounterBuffer,
+}
+
+/// What an update computed.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Computed {
+    /// Segments computed again.
+    pub segments: u64,
+    /// Of them, those whose light alone was corrected by what changed.
+    pub corrected: u64,
+    /// Segments in all.
+    pub total: u64,
+    /// What the stages counted so far.
+    pub counts: Counters,
+}
+
+/// A screen band, with one of the rays of each of its pixels.
+#[derive(Clone, Copy)]
+struct BandRay {
+    band: usize,
+    ray: u32,
+}
+
+/// How a gather begins.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Gather {
+    /// With sums of zero.
+    Anew,
+    /// On top of the sums that are there.
+    OnTop,
 }
 
 /// All segments of an image, and its film.
@@ -153,7 +177,7 @@ pub struct SegmentMap {
 }
 
 impl SegmentMap {
-    /// Room for the scene's segments, with `rays` rays a pixel.
+    /// Room for the scene's segments, with as many rays a pixel as its settings say.
     ///
     /// # Errors
     /// One row of segments, or the film, does not fit a binding; the memory is refused.
@@ -161,14 +185,14 @@ impl SegmentMap {
         gpu: &Gpu,
         scene: &Scene,
         device: &DeviceScene,
-        field: &LightField,
-        rays: u32,
+        field: &dyn LightField,
         split: &Split,
     ) -> Result<Self> {
         let (camera, settings) = (&scene.camera, &scene.settings);
-        let stride = match field {
-            LightField::Points(_) => 8,
-            LightField::Fluence(_) => 6,
+        let light = field.segment_light();
+        let (stride, scale) = match light {
+            SegmentLight::Colour => (6, 1.0),
+            SegmentLight::Sums { scale } => (8, scale),
         };
         let bytes = 4 * stride as u64;
         let row = u64::from(camera.width) * u64::from(settings.segments);
@@ -201,14 +225,6 @@ impl SegmentMap {
                 fresh: true,
             });
         }
-        let spacing = 1.0 / device.frame.per_voxel.iter().copied().fold(0.0, f32::max);
-        let mut scale = 1.0;
-        if let LightField::Points(points) = field {
-            let photon = settings.flux_unit.unwrap_or(1.0) / settings.photons as f64;
-            let ball = 4.0 / 3.0 * std::f64::consts::PI * f64::from(points.radius).powi(3);
-            let typical = photon / ball / (4.0 * std::f64::consts::PI) * f64::from(spacing);
-            scale = (CONTRIBUTION / typical) as f32;
-        }
         Ok(Self {
             params: SegmentParams {
                 segments: settings.segments,
@@ -216,9 +232,9 @@ impl SegmentMap {
                 stride: stride as u32,
                 ..SegmentParams::of(camera.rays(&device.local_from_world)?)
             },
-            strata: strata(rays),
+            strata: strata(settings.rays),
             bands,
-            composite: Composite::new(gpu, scene, field)?,
+            composite: Composite::new(gpu, scene, light)?,
             segment: segment_kernel(gpu, device, field)?,
             query: gpu.kernel("segment_query", &[])?,
             paces: std::array::from_fn(|_| Pace::new(1 << 12)),
@@ -234,7 +250,7 @@ impl SegmentMap {
         &mut self,
         gpu: &Gpu,
         device: &DeviceScene,
-        field: &LightField,
+        field: &dyn LightField,
     ) -> Result<()> {
         self.segment = segment_kernel(gpu, device, field)?;
         Ok(())
@@ -263,74 +279,76 @@ impl SegmentMap {
     }
 
     /// Computes the segments that read an entry of `query`, or see light that changed, and
-    /// the image, ray after ray. Returns how many segments were computed, of how many of
-    /// them light alone was corrected, and how many there are; and what was counted so far.
+    /// the image, ray after ray.
     ///
     /// # Errors
     /// The device failed.
     pub fn update(
         &mut self,
-        stage: &SegmentStage,
+        cx: Context,
+        from: Sources,
         query: u64,
         split: &Split,
         progress: &mut Progress,
-    ) -> Result<([u64; 3], Counters)> {
-        let gpu = stage.gpu;
+    ) -> Result<Computed> {
         let rays = self.strata[0] * self.strata[1];
-        let total = u64::from(rays) * u64::from(self.params.height);
-        let mut parts = self.parts(stage);
-        let (mut recomputed, mut corrected) = (0, 0);
+        let rows = u64::from(rays) * u64::from(self.params.height);
+        let mut parts = self.parts(cx, from.field);
+        let mut done = Computed { total: u64::from(rays) * self.count(), ..Default::default() };
         let repaints = self.composite.repaints();
         for ray in 0..rays {
-            for i in 0..self.bands.len() {
-                let all = repaints || self.bands[i].fresh || rays > 1;
+            for band in 0..self.bands.len() {
+                let at = BandRay { band, ray };
                 // Between rays a band holds another ray's segments.
-                if self.bands[i].fresh || rays > 1 {
-                    self.bands[i].list.fill(gpu.stage("list"), split.shuffle)?;
-                    recomputed += self.gather(stage, (i, ray), &mut parts)?;
-                } else if let Some(runs) = stage.field.changes() {
+                let anew = self.bands[band].fresh || rays > 1;
+                if anew {
+                    self.bands[band].list.fill(cx.gpu.stage("list"), split.shuffle)?;
+                    done.segments += self.gather(cx, from, at, &mut parts)?;
+                } else if let Some(runs) = from.field.changes() {
                     // Where nothing was read but light, light alone is corrected.
                     if !runs.is_empty() {
-                        self.list(stage, i, (query, LIST_LIT), split)?;
-                        corrected += self.correct(stage, (i, ray), &runs, &mut parts)?;
+                        self.list(cx, from, band, query, LIST_LIT, split)?;
+                        done.corrected += self.correct(cx, from, at, &runs, &mut parts)?;
                     }
                     if query != 0 {
-                        self.list(stage, i, (query, LIST_READ), split)?;
-                        recomputed += self.gather(stage, (i, ray), &mut parts)?;
+                        self.list(cx, from, band, query, LIST_READ, split)?;
+                        done.segments += self.gather(cx, from, at, &mut parts)?;
                     }
                 } else {
-                    self.list(stage, i, (query, LIST_READ | LIST_LIT), split)?;
-                    recomputed += self.gather(stage, (i, ray), &mut parts)?;
+                    self.list(cx, from, band, query, LIST_READ | LIST_LIT, split)?;
+                    done.segments += self.gather(cx, from, at, &mut parts)?;
                 }
-                let band = &self.bands[i];
-                self.composite(gpu, band, (ray, rays), all)?;
-                let rows = u64::from(ray * self.params.height + band.first_row + band.rows);
-                progress.at("segment", rows, total);
+                self.composite(cx.gpu, at, rays, repaints || anew)?;
+                let band = &self.bands[band];
+                let row = u64::from(ray * self.params.height + band.first_row + band.rows);
+                progress.at("segment", row, rows);
             }
         }
         self.bands.iter_mut().for_each(|band| band.fresh = false);
-        self.composite.settle();
-        let segments = [recomputed + corrected, corrected, u64::from(rays) * self.count()];
-        let counted = self.counted.take().map_or_else(|| stage.counters.read(gpu), Ok)?;
-        Ok((segments, counted))
+        self.composite.all_painted();
+        done.segments += done.corrected;
+        done.counts = self.counted.take().map_or_else(|| cx.counters.read(cx.gpu), Ok)?;
+        Ok(done)
     }
 
     /// Parts in which to gather the points, so that no thread tests many more than
     /// `TESTS_AT_ONCE` at a time if they are spread evenly.
-    fn parts(&self, stage: &SegmentStage) -> u32 {
-        let LightField::Points(points) = stage.field else { return 1 };
-        let (extent, step) = (stage.device.frame.extent, stage.device.frame.step);
-        let longest = extent.iter().map(|e| e * e).sum::<f32>().sqrt();
-        let samples = f64::from(longest / step / self.params.segments as f32) + 1.0;
-        let parts = samples * points.tests_per_sample() / TESTS_AT_ONCE;
+    fn parts(&self, cx: Context, field: &dyn LightField) -> u32 {
+        let params = &cx.scene.params;
+        let longest = params.extent.iter().map(|e| e * e).sum::<f32>().sqrt();
+        let samples = f64::from(longest / params.step / self.params.segments as f32) + 1.0;
+        let parts = samples * field.tests_per_sample() / TESTS_AT_ONCE;
         (parts.ceil() as u32).clamp(1, MAX_PARTS)
     }
 
+    /// Lists the segments of a band that an edit touches: `LIST_` bits say which.
     fn list(
         &mut self,
-        stage: &SegmentStage,
+        cx: Context,
+        from: Sources,
         band: usize,
-        (query, which): (u64, u32),
+        query: u64,
+        which: u32,
         split: &Split,
     ) -> Result<()> {
         let band = &mut self.bands[band];
@@ -345,38 +363,40 @@ impl SegmentMap {
             which,
             ..self.params
         };
-        let mut bindings = [stage.device.bindings(), stage.dirty.bindings()].concat();
+        let mut bindings = [cx.scene.bindings(), from.dirty.bindings()].concat();
         bindings.extend([
             ("segments", (&band.segments).into()),
             ("marks", (&band.list.marks).into()),
             ("pixels", (&band.touched).into()),
-            ("counters", stage.counters.buffer().into()),
+            ("counters", cx.counters.buffer().into()),
         ]);
-        let mut dispatch = stage.gpu.stage("segment_query");
-        band.list.unmark(&mut dispatch);
-        dispatch.dispatch(&self.query, items.into(), &bindings, &params)?;
-        band.list.record(dispatch)?;
-        let after = stage.counters.read_with(stage.gpu, &mut [&mut band.list])?;
+        let mut stage = cx.gpu.stage("segment_query");
+        band.list.unmark(&mut stage);
+        stage.dispatch(&self.query, items.into(), &bindings, &params)?;
+        band.list.record(stage)?;
+        let after = cx.counters.read_with(cx.gpu, &mut [&mut band.list])?;
         self.counted.set(Some(after));
-        band.list.shuffle(stage.gpu, split.shuffle)?;
+        band.list.shuffle(cx.gpu, split.shuffle)?;
         after.all_finished("segment_query", "raise `segments`")
     }
 
     /// Computes the listed segments of a band from the whole light field. Where the driver
     /// ends the loops of a long gather, the points are taken in more `parts`: sums of
     /// integers, so no bit depends on it. Returns how many there are.
-    fn gather(&self, stage: &SegmentStage, at: (usize, u32), parts: &mut u32) -> Result<u64> {
-        let (gpu, counters) = (stage.gpu, stage.counters);
-        let listed = self.bands[at.0].list.count.into();
+    fn gather(&self, cx: Context, from: Sources, at: BandRay, parts: &mut u32) -> Result<u64> {
+        let listed = self.bands[at.band].list.count.into();
         if listed == 0 {
             return Ok(0);
         }
-        counters.save(gpu)?;
-        let is_parted = matches!(stage.field, LightField::Points(_));
-        let (runs, most) = (stage.field.runs(), if is_parted { MAX_PARTS } else { 1 });
+        cx.counters.save(cx.gpu)?;
+        let most = match from.field.segment_light() {
+            SegmentLight::Sums { .. } => MAX_PARTS,
+            SegmentLight::Colour => 1,
+        };
+        let runs = from.field.runs();
         loop {
-            self.gather_runs(stage, at, &runs, (*parts, true))?;
-            let after = counters.read(gpu)?;
+            self.gather_runs(cx, at, &runs, *parts, Gather::Anew)?;
+            let after = cx.counters.read(cx.gpu)?;
             self.counted.set(Some(after));
             if after.unfinished == 0 {
                 return Ok(listed);
@@ -384,7 +404,7 @@ impl SegmentMap {
             if *parts >= most {
                 after.all_finished("segment", "raise `segments`, or lower `radius`")?;
             }
-            counters.restore(gpu)?;
+            cx.counters.restore(cx.gpu)?;
             *parts *= 4;
         }
     }
@@ -393,44 +413,45 @@ impl SegmentMap {
     /// have now. Returns how many segments there are.
     fn correct(
         &self,
-        stage: &SegmentStage,
-        at: (usize, u32),
+        cx: Context,
+        from: Sources,
+        at: BandRay,
         runs: &[Run],
         parts: &mut u32,
     ) -> Result<u64> {
-        let listed = self.bands[at.0].list.count;
+        let listed = self.bands[at.band].list.count;
         if listed == 0 {
             return Ok(0);
         }
-        stage.counters.save(stage.gpu)?;
-        self.gather_runs(stage, at, runs, (*parts, false))?;
-        let after = stage.counters.read(stage.gpu)?;
+        cx.counters.save(cx.gpu)?;
+        self.gather_runs(cx, at, runs, *parts, Gather::OnTop)?;
+        let after = cx.counters.read(cx.gpu)?;
         self.counted.set(Some(after));
         if after.unfinished == 0 {
             return Ok(listed.into());
         }
         // Half-corrected sums are of no use: all is gathered.
-        stage.counters.restore(stage.gpu)?;
-        self.gather(stage, at, parts)
+        cx.counters.restore(cx.gpu)?;
+        self.gather(cx, from, at, parts)
     }
 
-    /// Gathers runs of points one after the other, each in `parts`: `anew`, or on top of the sums
-    /// that are there.
+    /// Gathers runs of points one after the other, each in `parts`.
     fn gather_runs(
         &self,
-        stage: &SegmentStage,
-        (band, ray): (usize, u32),
+        cx: Context,
+        at: BandRay,
         runs: &[Run],
-        (parts, anew): (u32, bool),
+        parts: u32,
+        how: Gather,
     ) -> Result<()> {
-        let band = &self.bands[band];
+        let band = &self.bands[at.band];
         let count = u64::from(band.list.count);
         for (i, run) in runs.iter().enumerate() {
-            let mut bindings = [stage.device.bindings(), run.bindings.clone()].concat();
+            let mut bindings = [cx.scene.bindings(), run.bindings.clone()].concat();
             bindings.extend([
                 ("work", (&band.list.items).into()),
                 ("segments", (&band.segments).into()),
-                ("counters", stage.counters.buffer().into()),
+                ("counters", cx.counters.buffer().into()),
             ]);
             let bound =
                 |part: u32| (u64::from(run.points) * u64::from(part) / u64::from(parts)) as u32;
@@ -440,8 +461,8 @@ impl SegmentMap {
                     first_row: band.first_row,
                     pixels: band.rows * self.params.width,
                     strata: self.strata,
-                    ray,
-                    begins: u32::from(anew && i == 0 && part == 0),
+                    ray: at.ray,
+                    begins: u32::from(how == Gather::Anew && i == 0 && part == 0),
                     points_begin: bound(part),
                     points_end: bound(part + 1),
                     ..self.params
@@ -452,25 +473,26 @@ impl SegmentMap {
                     let params = SegmentParams { first_item, items, ..params };
                     slice.dispatch(&self.segment, items.into(), &bindings, &params)
                 };
-                stage.gpu.sliced("segment", count, pace, work, &mut |_| ())?;
+                cx.gpu.sliced("segment", count, pace, work, &mut |_| ())?;
             }
         }
         Ok(())
     }
 
     /// Puts the segments of a band's pixels together: of `all`, or of those that were touched.
-    fn composite(&self, gpu: &Gpu, band: &Band, (ray, rays): (u32, u32), all: bool) -> Result<()> {
+    fn composite(&self, gpu: &Gpu, at: BandRay, rays: u32, all: bool) -> Result<()> {
+        let band = &self.bands[at.band];
         let params = CompositeParams {
             pixels: band.rows * self.params.width,
             first_pixel: band.first_row * self.params.width,
             segments: self.params.segments,
             weight: 1.0 / rays as f32,
-            fresh: u32::from(ray == 0),
+            fresh: u32::from(at.ray == 0),
             scale: self.params.scale,
             all: all.into(),
             ..Default::default()
         };
-        self.composite.record(gpu, [&band.segments, &band.touched], params)
+        self.composite.record(gpu, &band.segments, &band.touched, params)
     }
 
     /// The image as it stands.
@@ -530,20 +552,6 @@ impl SegmentMap {
     }
 }
 
-fn segment_kernel(gpu: &Gpu, device: &DeviceScene, field: &LightField) -> Result<Arc<Kernel>> {
-    let mut flags = device.flags(&[
-        "nearest",
-        "squares",
-        "float_voxels",
-        "anisotropic",
-        "emission",
-        "history",
-        "skip",
-        "listed_bins",
-    ]);
-    match field {
-        LightField::Fluence(_) => flags.push("fluence"),
-        LightField::Points(points) => flags.extend(points.even.then_some("even")),
-    }
-    gpu.kernel("segment", &flags)
+fn segment_kernel(gpu: &Gpu, device: &DeviceScene, field: &dyn LightField) -> Result<Arc<Kernel>> {
+    gpu.kernel("segment", &[device.flags(), field.segment_flags()].concat())
 }

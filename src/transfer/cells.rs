@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::{TABLE_ENTRIES, Table, entry_of};
+use super::{EntryMap, TABLE_ENTRIES, Table};
 use crate::volume::cells::MacroCells;
 
 /// The table entries that each macro-cell of a volume can produce.
@@ -14,9 +14,9 @@ pub struct CellEntries {
 
 impl CellEntries {
     /// Those of the values that the cells have.
-    pub fn of(cells: &MacroCells) -> Self {
+    pub fn of(cells: &MacroCells, map: EntryMap) -> Self {
         let entries = |&[low, high]: &[f32; 2]| {
-            let (low, high) = (entry_of(low).saturating_sub(1), entry_of(high) + 1);
+            let (low, high) = (map.entry_of(low).saturating_sub(1), map.entry_of(high) + 1);
             [low, high.min(TABLE_ENTRIES - 1)].map(|e| e as u16)
         };
         Self { ranges: cells.ranges.iter().map(entries).collect() }
@@ -64,11 +64,13 @@ pub fn spans<T: Copy>(of: impl Fn(usize) -> T, join: impl Fn(T, T) -> T) -> Vec<
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::transfer::Domain;
 
     #[test]
     fn entries_are_widened_and_stay_in_the_table() {
         let cells = MacroCells { counts: [3, 1, 1], ranges: vec![[0.0; 2], [0.0, 1.0], [0.5; 2]] };
-        assert_eq!(CellEntries::of(&cells).ranges, [[0, 1], [0, 4095], [2047, 2049]]);
+        let map = EntryMap { gain: TABLE_ENTRIES as f32, shift: 0.0 };
+        assert_eq!(CellEntries::of(&cells, map).ranges, [[0, 1], [0, 4095], [2047, 2049]]);
     }
 
     #[test]
@@ -77,7 +79,7 @@ mod tests {
             (0..500_u32).map(|i| [i * 7919 % 4096, i * 31 % 4096].map(|e| e as u16)).collect();
         let ranges = ranges.iter().map(|&[a, b]| [a.min(b), a.max(b)]).collect();
         let cells = CellEntries { ranges };
-        let mut table = Table::build(&[], [0.0, 1.0], None);
+        let mut table = Table::build(&[], &Domain::over([0.0, 1.0]), None);
         for e in 0..TABLE_ENTRIES {
             table.extinction[e] = ((e * 2_654_435_761) % 1000) as f32;
         }

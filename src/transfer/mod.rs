@@ -1,15 +1,17 @@
 //! The transfer function: from data values to optical properties.
 //!
-//! A table of [`TABLE_ENTRIES`] entries over the data's range, one column per property,
+//! A table of [`TABLE_ENTRIES`] entries over a [`Domain`] of values, one column per property,
 //! evaluated at each entry's centre value; nothing is interpolated between entries.
-//! [`entry_of`] is the only way from a value to an entry.
+//! [`EntryMap`] is the only way from a value to an entry.
 
 mod cells;
+mod domain;
 mod material;
 
 use glam::DVec3;
 
 pub use cells::{CellEntries, spans};
+pub use domain::{Domain, EntryMap};
 pub use material::{Material, ramp_weight};
 
 /// Entries of a [`Table`].
@@ -24,12 +26,6 @@ pub const PRESETS: [(&str, &str); 5] = [
     ("ct-lung", include_str!("../../data/transfer/ct-lung.toml")),
     ("ct-skin", include_str!("../../data/transfer/ct-skin.toml")),
 ];
-
-/// The entry of a value `v` in [0, 1] over the data's range; what lies outside goes to
-/// the first or last.
-pub fn entry_of(v: f32) -> usize {
-    ((v * TABLE_ENTRIES as f32) as usize).min(TABLE_ENTRIES - 1)
-}
 
 /// Optical properties of every table entry, in columns of [`TABLE_ENTRIES`].
 #[derive(Clone, Debug, PartialEq)]
@@ -49,11 +45,11 @@ pub struct Table {
 }
 
 impl Table {
-    /// The table of `materials` over the data's `range`, the values of v = 0 and v = 1.
+    /// The table of `materials` over a domain of values.
     ///
     /// Where materials overlap, extinctions and emissions add; scatter is the share that
     /// scatters of their sum; colour and phase are weighted by scattering.
-    pub fn build(materials: &[Material], range: [f64; 2], majorant: Option<f64>) -> Self {
+    pub fn build(materials: &[Material], domain: &Domain, majorant: Option<f64>) -> Self {
         let limit = majorant.map_or(f32::INFINITY, |m| m as f32);
         let mut table = Self {
             extinction: vec![0.0; TABLE_ENTRIES],
@@ -64,7 +60,7 @@ impl Table {
             clamped: 0,
         };
         for entry in 0..TABLE_ENTRIES {
-            let value = entry_value(entry, range);
+            let value = domain.value(entry);
             let (mut extinction, mut scattering, mut g) = (0.0, 0.0, 0.0);
             let (mut colour, mut emission) = (DVec3::ZERO, DVec3::ZERO);
             for m in materials {
@@ -116,11 +112,6 @@ impl Table {
     }
 }
 
-/// The data value at an entry's centre.
-pub fn entry_value(entry: usize, range: [f64; 2]) -> f64 {
-    range[0] + (range[1] - range[0]) * ((entry as f64 + 0.5) / TABLE_ENTRIES as f64)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -135,17 +126,6 @@ mod tests {
             emission: DVec3::ZERO,
             phase_g: g,
         }
-    }
-
-    #[test]
-    fn values_reach_the_first_and_the_last_entry() {
-        assert_eq!(entry_of(0.0), 0);
-        assert_eq!(entry_of(1.0), 4095);
-        assert_eq!(entry_of(0.5), 2048);
-        assert_eq!(entry_of(0.5 - f32::EPSILON), 2047);
-        assert_eq!(entry_of(-0.1), 0);
-        assert_eq!(entry_of(7.0), 4095);
-        assert_eq!(entry_of(f32::NAN), 0);
     }
 
     #[test]
@@ -168,16 +148,16 @@ mod tests {
         let edge = 1000.5;
         let below = material(&[[0.0, 1.0], [edge, 1.0]], 1.0, 1.0, 1.0, 0.0);
         let above = material(&[[edge, 1.0], [4096.0, 1.0]], 2.0, 1.0, 1.0, 0.0);
-        let table = Table::build(&[below, above], [0.0, 4096.0], None);
+        let table = Table::build(&[below, above], &Domain::over([0.0, 4096.0]), None);
         assert_eq!(table.extinction[999], 1.0);
         assert_eq!(table.extinction[1000], 2.0);
-        assert_eq!(table.extinction[entry_of(1.0)], 2.0);
+        assert_eq!(table.extinction[4095], 2.0);
     }
 
     #[test]
     fn a_degenerate_range_takes_its_one_value() {
         let m = material(&[[7.0, 1.0], [8.0, 1.0]], 0.25, 1.0, 1.0, 0.0);
-        let table = Table::build(&[m], [7.0, 7.0], None);
+        let table = Table::build(&[m], &Domain::over([7.0, 7.0]), None);
         assert!(table.extinction.iter().all(|&e| e == 0.25));
     }
 
@@ -187,7 +167,7 @@ mod tests {
         let mut a = material(&everywhere, 3.0, 0.5, 1.0, 0.6);
         let b = material(&everywhere, 1.0, 0.5, 0.2, -0.2);
         a.emission = DVec3::new(1.0, 2.0, 0.0);
-        let table = Table::build(&[a.clone(), b, a], [0.0, 1.0], None);
+        let table = Table::build(&[a.clone(), b, a], &Domain::over([0.0, 1.0]), None);
         assert_eq!(table.extinction[17], 7.0);
         assert_eq!(table.scatter[17], 0.5);
         assert!((table.colour[17][0] - (3.0 + 0.1) / 3.5).abs() < 1e-6);
@@ -199,7 +179,7 @@ mod tests {
     #[test]
     fn extinction_is_clamped_and_the_clamps_are_counted() {
         let m = material(&[[0.0, 0.0], [1.0, 1.0]], 2.0, 0.9, 1.0, 0.0);
-        let table = Table::build(&[m], [0.0, 1.0], Some(1.0));
+        let table = Table::build(&[m], &Domain::over([0.0, 1.0]), Some(1.0));
         assert_eq!(table.max_extinction(), 1.0);
         assert_eq!(table.clamped, 2048);
         assert_eq!(table.scatter[4095], 0.9);
@@ -208,9 +188,9 @@ mod tests {
     #[test]
     fn what_absorbs_all_has_no_colour_and_what_is_absent_has_nothing() {
         let black = material(&[[0.0, 1.0], [0.5, 1.0]], 1.0, 0.0, 0.7, 0.3);
-        let table = Table::build(&[black], [0.0, 1.0], None);
+        let table = Table::build(&[black], &Domain::over([0.0, 1.0]), None);
         assert_eq!((table.scatter[0], table.colour[0], table.phase_g[0]), (0.0, [0.0; 3], 0.0));
         assert!(!table.is_empty() && table.is_empty_entry(2048) && table.is_isotropic());
-        assert!(Table::build(&[], [0.0, 1.0], None).is_empty());
+        assert!(Table::build(&[], &Domain::over([0.0, 1.0]), None).is_empty());
     }
 }

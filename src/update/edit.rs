@@ -1,25 +1,28 @@
 //! How an edited scene is taken: what differs is noted, for the next update to find what that
-//! touches.
+//! touches; what does not depend on other settings is kept.
 
-use super::{PhotonFrame, Scope, light_field, light_ids, not_isotropic};
+use super::anew::Parts;
+use super::{PhotonFrame, Scope, light_ids};
+use crate::device_scene::Context;
 use crate::device_scene::lights::{Light, Lights};
 use crate::error::{Error, Result};
-use crate::field::LightField;
+use crate::field;
+use crate::field::dirty::Dirty;
 use crate::gpu::Gpu;
-use crate::gpu::Progress;
 use crate::history::Query;
-use crate::photon::PhotonParams;
-use crate::scene::{Estimator, Scene, Settings};
+use crate::photon::PhotonMap;
+use crate::scene::Scene;
 use crate::segment::SegmentMap;
 use crate::split::Split;
 use crate::transfer::Table;
 
 impl PhotonFrame {
-    /// Takes an edited scene; an update must follow. Materials, lights, camera and
-    /// background may differ from what is shown.
+    /// Takes an edited scene; an update must follow. All but volume, filter and method may differ
+    /// from what is shown. Where an edit raises extinction above the majorant, or names values
+    /// beyond the table's domain, these grow, and all photons are traced anew.
     ///
     /// # Errors
-    /// Something else differs, the scene is an impossible one, or the estimator does not suit
+    /// Something differs that cannot, the scene is an impossible one, or the estimator does not suit
     /// it: nothing has happened then. Memory does not suffice or the device failed: the next update
     /// rebuilds everything.
     pub fn edit(&mut self, gpu: &Gpu, scene: &Scene, split: &Split) -> Result<Scope> {
@@ -27,85 +30,70 @@ impl PhotonFrame {
         if !self.source.settings.history {
             return Err(Error::setting("without histories (`history`) no edit can be applied"));
         }
-        let size = |s: &Scene| (s.camera.width, s.camera.height);
-        if (&scene.settings, &scene.volume, scene.filter, size(scene))
-            != (&self.source.settings, &self.source.volume, self.source.filter, size(&self.source))
+        if (&scene.volume, scene.filter, scene.settings.method)
+            != (&self.source.volume, self.source.filter, self.source.settings.method)
         {
             return Err(Error::setting(
-                "an edit cannot change settings, volume, filter or image size: render anew",
+                "an edit cannot change volume, filter or method: render anew",
             ));
         }
-        let table = self.scene.table_of(scene);
-        let chosen = match self.field {
-            LightField::Fluence(_) => Estimator::Fluence,
-            LightField::Points(_) => Estimator::Points,
-        };
-        if scene.settings.estimator.is_none()
-            && table.is_isotropic() != (chosen == Estimator::Fluence)
-        {
-            return Err(Error::setting(
-                "the edit asks for another estimator, since phase_g is 0 everywhere or not: name \
-                 `estimator` in [settings]",
-            ));
-        }
-        if chosen == Estimator::Fluence && !table.is_isotropic() {
-            return Err(not_isotropic());
+        let table = self.scene.table_of(scene)?;
+        let estimators = [self.field.estimator(), field::estimator(&scene.settings, &table)?];
+        let mut parts = Parts::between(&self.source, scene, estimators);
+        if !self.scene.collides_as(scene)? {
+            (parts.constants, parts.paths) = (true, true);
         }
         let lights = Lights::of(scene, &self.scene.local_from_world)?;
         scene.camera.rays(&self.scene.local_from_world)?;
-        let result = self.apply(gpu, scene, (table, lights), split);
+        let result = self.apply(gpu, scene, table, lights, parts, split);
         if result.is_err() {
             (self.fresh, self.pending) = (true, true);
         }
         result
     }
 
-    /// Has the next update estimate the light anew from the photons that there are. Of the
-    /// settings, `estimator`, `weighting`, `radius`, `grid` and `rays` may differ.
-    ///
-    /// # Errors
-    /// Another setting differs, memory does not suffice, or the estimator does not suit the
-    /// scene: nothing has happened then.
-    pub fn estimate(&mut self, gpu: &Gpu, settings: &Settings, split: &Split) -> Result<()> {
-        let mut scene = self.source.clone();
-        let own = &mut scene.settings;
-        (own.estimator, own.weighting) = (settings.estimator, settings.weighting);
-        (own.radius, own.grid, own.rays) = (settings.radius, settings.grid, settings.rays);
-        if own != settings {
-            return Err(Error::setting(
-                "of a frame's settings only `estimator`, `weighting`, `radius`, `grid` and `rays` \
-                 can change: render anew",
-            ));
-        }
-        let (field, estimator, dirty) = light_field(gpu, &self.scene, settings, split)?;
-        let segments = SegmentMap::new(gpu, &scene, &self.scene, &field, settings.rays, split)?;
-        self.counters.clear(gpu)?;
-        self.source = scene;
-        (self.field, self.estimator, self.dirty) = (field, estimator, dirty);
-        (self.segments, self.pending) = (segments, true);
-        Ok(())
-    }
-
     fn apply(
         &mut self,
         gpu: &Gpu,
         scene: &Scene,
-        (table, lights): (Table, Lights),
+        table: Table,
+        lights: Lights,
+        parts: Parts,
         split: &Split,
     ) -> Result<Scope> {
         self.count_anew(gpu)?;
+        self.missing = self.missing.and(parts);
         let suits = self.scene.suits(&table);
-        let change =
-            Query::between(&self.scene.table, &table, &self.scene.bins, self.scene.frame.majorant);
-        let relit = self.relight(gpu, scene, &lights, split)?;
+        let mut change = Query::default();
+        let mut relit = false;
+        if !parts.paths {
+            let (bins, majorant) = (&self.scene.bins, self.scene.params.majorant);
+            change = Query::between(&self.scene.table, &table, bins, majorant);
+            relit = self.relight(gpu, scene, &lights, split)?;
+        }
         self.query.add(&change);
-        self.scene.edit(gpu, table, lights, &self.query)?;
-        let before = std::mem::replace(&mut self.source, scene.clone());
-        let repainted = scene.background != before.background;
-        self.map.arrange(gpu, &self.scene.lights, &light_ids(scene))?;
-        let moved = self.segments.look(scene, &self.scene)?;
-        if !suits {
+        if parts.constants {
+            self.scene.configure(gpu, scene, table, lights)?;
+        } else {
+            self.scene.edit(gpu, table, lights, &self.query)?;
+        }
+        let repainted = scene.background != self.source.background;
+        let respaced = scene.settings.spatial != self.source.settings.spatial;
+        self.source = scene.clone();
+        if parts.paths || !suits {
             self.restart();
+        }
+        self.make_missing(gpu, split)?;
+        self.map.arrange(gpu, &self.scene.lights, &light_ids(&self.source))?;
+        let moved = self.segments.look(&self.source, &self.scene)?;
+        if parts.dirty || respaced {
+            self.segments.restart();
+        }
+        if parts.any() {
+            self.pending = true;
+            return Ok(Scope::Anew(parts.report()));
+        }
+        if !suits {
             return Ok(Scope::Everything(
                 "the scene is the first or the last with emission or anisotropic scattering: \
                  other kernels",
@@ -119,6 +107,29 @@ impl PhotonFrame {
         let touched = relit || moved || repainted || !change.is_empty();
         self.pending |= touched;
         Ok(if touched { Scope::Part } else { Scope::Nothing })
+    }
+
+    /// Has room for what other settings need. What cannot be had stays missing.
+    pub(super) fn make_missing(&mut self, gpu: &Gpu, split: &Split) -> Result<()> {
+        let (scene, settings) = (&self.source, &self.source.settings);
+        if self.missing.slots {
+            self.map = PhotonMap::new(gpu, &self.scene, &light_ids(scene), settings, split)?;
+            (self.missing.slots, self.fresh, self.pending) = (false, true, true);
+        }
+        if self.missing.field {
+            self.field = field::new(gpu, &self.scene, settings, split)?;
+            self.missing.field = false;
+        }
+        if self.missing.dirty {
+            self.dirty = Dirty::new(gpu, &self.scene, self.field.reach(), settings.spatial)?;
+            self.missing.dirty = false;
+        }
+        if self.missing.bands {
+            self.segments = SegmentMap::new(gpu, scene, &self.scene, &*self.field, split)?;
+            self.missing.bands = false;
+        }
+        self.missing = Parts::default();
+        Ok(())
     }
 
     /// Applies edits of lights: the photons of those that moved or went are withdrawn, of
@@ -167,17 +178,8 @@ impl PhotonFrame {
     /// Takes the photons of a batch out of the light field, and forgets them.
     fn withdraw(&mut self, gpu: &Gpu, index: usize, split: &Split) -> Result<()> {
         self.map.batches[index].list_all(gpu, split.shuffle)?;
-        let batch = &self.map.batches[index];
-        match &self.field {
-            LightField::Fluence(fluence) if fluence.current => {
-                let params = PhotonParams { sign: -1, ..self.map.params(batch) };
-                let slots = (params, self.map.live_bindings(batch));
-                let silent = &mut Progress::silent();
-                fluence.deposit(gpu, &self.scene, slots, &self.counters, silent)?;
-            }
-            // Sums that are not current begin anew; points are compared with those seen.
-            LightField::Fluence(_) | LightField::Points(_) => {}
-        }
+        let cx = Context { gpu, scene: &self.scene, counters: &self.counters };
+        self.field.withdraw(cx, &self.map, index)?;
         let batch = &mut self.map.batches[index];
         (batch.stale, batch.relit) = (true, false);
         batch.forget(gpu)

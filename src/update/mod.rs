@@ -5,26 +5,29 @@
 //! slot, the light field, the segments and the image as a rebuild from nothing would,
 //! bit for bit. A rebuild is an update of which everything was never computed.
 //!
+//! An edit may change settings, too: what does not depend on them is kept ([`Anew`]).
+//!
 //! What an edit changes stays noted until an update has come to its end. An update may be
 //! abandoned at any boundary of its stages, and another edit made: the next one asks for
 //! what either changed, and that is all there is to clean up.
 
+mod anew;
 mod edit;
 
-use crate::device_scene::DeviceScene;
-use crate::error::{Error, Result};
-use crate::field::LightField;
+use self::anew::Parts;
+use crate::device_scene::{Context, DeviceScene};
+use crate::error::Result;
 use crate::field::dirty::Dirty;
-use crate::field::fluence::Fluence;
-use crate::field::points::Points;
-use crate::gpu::Gpu;
-use crate::gpu::Progress;
+use crate::field::{self, Change, LightField, Request};
 use crate::gpu::counter::{CounterBuffer, Counters};
-use crate::history::{CHANGE_EMISSION, CHANGE_FALLEN, CHANGE_RISEN, CHANGE_SCATTERING, Query};
-use crate::photon::{PhotonMap, PhotonParams};
-use crate::scene::{Estimator, Scene, Settings, Spatial, Weighting};
-use crate::segment::{SegmentMap, SegmentStage};
+use crate::gpu::{Gpu, Progress};
+use crate::history::{CHANGE_EMISSION, CHANGE_SCATTERING, Query};
+use crate::photon::PhotonMap;
+use crate::scene::{Scene, Spatial};
+use crate::segment::{Computed, SegmentMap, Sources};
 use crate::split::Split;
+
+pub use anew::Anew;
 
 /// What an edit can reach.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
@@ -33,6 +36,8 @@ pub enum Scope {
     Nothing,
     /// What its query finds.
     Part,
+    /// Settings changed: some stages are done anew as a whole, beside what its query finds.
+    Anew(Anew),
     /// Everything, and why.
     Everything(&'static str),
 }
@@ -115,11 +120,9 @@ pub struct PhotonFrame {
     /// Its photons.
     pub map: PhotonMap,
     /// Its light field.
-    pub field: LightField,
+    pub field: Box<dyn LightField>,
     /// Its view-ray segments.
     pub segments: SegmentMap,
-    /// The light field, with its weighting.
-    pub estimator: &'static str,
     source: Scene,
     dirty: Dirty,
     counters: CounterBuffer,
@@ -129,6 +132,16 @@ pub struct PhotonFrame {
     pending: bool,
     /// Nothing was ever computed, or an error left it in pieces.
     fresh: bool,
+    /// What settings have changed and memory is still to be had for.
+    missing: Parts,
+}
+
+/// What the query found among the photons.
+struct Found {
+    /// Photons to be worked on.
+    listed: u64,
+    /// Some of them have a flight that may be another.
+    any_invalid: bool,
 }
 
 impl PhotonFrame {
@@ -136,30 +149,27 @@ impl PhotonFrame {
     ///
     /// # Errors
     /// Memory does not suffice, or the estimator does not suit the scene.
-    pub fn new(
-        gpu: &Gpu,
-        scene: &Scene,
-        device: DeviceScene,
-        rays: u32,
-        split: &Split,
-    ) -> Result<Self> {
+    pub fn new(gpu: &Gpu, scene: &Scene, device: DeviceScene, split: &Split) -> Result<Self> {
         let settings = &scene.settings;
-        let (field, estimator, dirty) = light_field(gpu, &device, settings, split)?;
-        let map = PhotonMap::new(gpu, &device, &light_ids(scene), settings, split)?;
-        let segments = SegmentMap::new(gpu, scene, &device, &field, rays, split)?;
+        let field = field::new(gpu, &device, settings, split)?;
         Ok(Self {
-            dirty,
+            dirty: Dirty::new(gpu, &device, field.reach(), settings.spatial)?,
+            map: PhotonMap::new(gpu, &device, &light_ids(scene), settings, split)?,
+            segments: SegmentMap::new(gpu, scene, &device, &*field, split)?,
             counters: CounterBuffer::new(gpu)?,
             source: scene.clone(),
             query: Query::default(),
             pending: true,
             fresh: true,
+            missing: Parts::default(),
             scene: device,
-            map,
             field,
-            segments,
-            estimator,
         })
+    }
+
+    /// The scene that was taken last.
+    pub fn source(&self) -> &Scene {
+        &self.source
     }
 
     /// Computes everything: an edit that touches everything.
@@ -178,9 +188,7 @@ impl PhotonFrame {
 
     /// Begins to count, as an edit or a rebuild begins.
     fn count_anew(&mut self, gpu: &Gpu) -> Result<()> {
-        if let LightField::Points(points) = &mut self.field {
-            points.built = 0;
-        }
+        self.field.count_anew();
         self.counters.clear(gpu)
     }
 
@@ -198,251 +206,174 @@ impl PhotonFrame {
     /// # Errors
     /// The device failed; the next update rebuilds everything.
     pub fn update(&mut self, gpu: &Gpu, split: &Split, progress: &mut Progress) -> Result<Updated> {
-        let result = self.stages(gpu, split, progress);
+        let result = self.frame(gpu, split, progress);
         if result.is_err() {
             (self.fresh, self.pending) = (true, true);
         }
         result
     }
 
-    fn stages(&mut self, gpu: &Gpu, split: &Split, progress: &mut Progress) -> Result<Updated> {
-        let mut done = Updated {
-            photons: self.scene.lights.photons.into(),
-            segments: self.segments.count(),
-            ..Default::default()
-        };
-        let rebuilds = self.pending && self.fresh;
-        gpu.restart_phases();
+    /// The frame, one line a stage.
+    fn frame(&mut self, gpu: &Gpu, split: &Split, progress: &mut Progress) -> Result<Updated> {
+        let is_rebuild = self.begin(gpu, split)?;
+        let mut done = self.nothing_done();
         if self.pending {
-            if rebuilds {
-                self.count_anew(gpu)?;
-                self.suit(gpu)?;
-                self.restart();
-            }
             gpu.enter(PHOTONS);
-            let found = self.list_photons(gpu, split)?;
-            done.listed = self.map.batches.iter().map(|batch| u64::from(batch.list.count)).sum();
-            if !self.photons(gpu, (done.listed, found), progress)? || progress.stops("light field")
-            {
+            let found = self.find_photons(gpu, split)?;
+            done.listed = found.listed;
+            let is_done = self.trace_photons(gpu, &found, split, progress)?;
+            if !is_done || progress.stops("light field") {
                 return Ok(done);
             }
             gpu.enter(LIGHT_FIELD);
-            done.points = self.light_field(gpu, split, progress)?;
+            done.points = self.build_field(gpu, split, progress)?;
             if progress.stops("segments") {
                 return Ok(done);
             }
             gpu.enter(SEGMENTS);
-            let (segments, counts) = self.view(gpu, split, progress)?;
-            ([done.recomputed, done.corrected, done.segments], done.counts) = (segments, counts);
-            if let LightField::Points(points) = &self.field {
-                done.points_built = points.built + done.counts.refreshed;
-            }
-            done.counts.all_fitted()?;
-            self.settle(gpu)?;
+            let computed = self.compute_segments(gpu, split, progress)?;
+            self.end(gpu, &mut done, computed)?;
             gpu.enter(ELSEWHERE);
         } else {
             done.counts = self.counts(gpu)?;
         }
         done.finished = true;
-        if rebuilds {
+        if is_rebuild {
             (done.counts.invalid, done.counts.changed) = (done.photons, done.photons);
         }
         Ok(done)
     }
 
-    /// Has batches for every light, the view and the kernels that suit the scene: an edit may have
-    /// failed before it saw to them.
-    fn suit(&mut self, gpu: &Gpu) -> Result<()> {
-        self.map.arrange(gpu, &self.scene.lights, &light_ids(&self.source))?;
-        self.segments.look(&self.source, &self.scene)?;
-        self.map.respecialise(gpu, &self.scene)?;
-        if let LightField::Points(points) = &mut self.field {
-            points.respecialise(gpu, &self.scene)?;
+    fn nothing_done(&self) -> Updated {
+        Updated {
+            photons: self.scene.lights.photons.into(),
+            segments: self.segments.count(),
+            ..Default::default()
         }
-        self.segments.respecialise(gpu, &self.scene, &self.field)
     }
 
-    /// Lists the photons that are to be traced or weighed again; returns what that counted.
-    fn list_photons(&mut self, gpu: &Gpu, split: &Split) -> Result<Counters> {
-        let mut queried = Vec::new();
-        let points = matches!(self.field, LightField::Points(_));
+    /// Has memory and kernels that suit the scene. Returns whether everything is to be computed.
+    fn begin(&mut self, gpu: &Gpu, split: &Split) -> Result<bool> {
+        gpu.restart_phases();
+        self.make_missing(gpu, split)?;
+        let is_rebuild = self.pending && self.fresh;
+        if is_rebuild {
+            self.count_anew(gpu)?;
+            self.map.arrange(gpu, &self.scene.lights, &light_ids(&self.source))?;
+            self.segments.look(&self.source, &self.scene)?;
+            self.map.respecialise(gpu, &self.scene)?;
+            self.field.respecialise(gpu, &self.scene)?;
+            self.segments.respecialise(gpu, &self.scene, &*self.field)?;
+            self.restart();
+        }
+        Ok(is_rebuild)
+    }
+
+    /// Lists the photons that are to be traced or weighed again.
+    fn find_photons(&mut self, gpu: &Gpu, split: &Split) -> Result<Found> {
+        let cx = Context { gpu, scene: &self.scene, counters: &self.counters };
         let scatters = self.query.changes.iter().any(|c| c & CHANGE_SCATTERING != 0);
-        let blind = self.query.changes.iter().all(|c| c & !CHANGE_EMISSION == 0);
+        let is_blind = self.query.changes.iter().all(|c| c & !CHANGE_EMISSION == 0);
+        let mut asked = Vec::new();
         for i in 0..self.map.batches.len() {
             let batch = &mut self.map.batches[i];
-            queried.push(!self.fresh && (!blind || batch.relit || batch.stale));
-            match (self.fresh, queried[i]) {
-                (true, _) => batch.list_all(gpu, split.shuffle)?,
-                (_, true) => {
-                    batch.any_relit |= scatters;
-                    let asked = (i, self.query.risen, points);
-                    self.map.list(gpu, &self.scene, &self.counters, asked)?;
-                }
-                _ => batch.list.count = 0,
+            asked.push(!self.fresh && (!is_blind || batch.relit || batch.stale));
+            if self.fresh {
+                batch.list_all(gpu, split.shuffle)?;
+            } else if asked[i] {
+                batch.any_altered |= scatters;
+                self.map.list(cx, i, self.query.risen, self.field.follows())?;
+            } else {
+                batch.list.count = 0;
             }
         }
-        let batches = self.map.batches.iter_mut().zip(queried).filter(|(_, is)| *is);
+        let batches = self.map.batches.iter_mut().zip(asked).filter(|(_, is)| *is);
         let mut lists = batches.map(|(batch, _)| &mut batch.list).collect::<Vec<_>>();
-        if lists.is_empty() {
-            return Ok(Counters::default());
+        let mut any_invalid = false;
+        if !lists.is_empty() {
+            any_invalid = self.counters.read_with(gpu, &mut lists)?.invalid > 0;
+            lists.iter().try_for_each(|list| list.shuffle(gpu, split.shuffle))?;
         }
-        let found = self.counters.read_with(gpu, &mut lists)?;
-        lists.iter().try_for_each(|list| list.shuffle(gpu, split.shuffle))?;
-        Ok(found)
+        let listed = self.map.batches.iter().map(|batch| u64::from(batch.list.count)).sum();
+        Ok(Found { listed, any_invalid })
     }
 
-    /// Traces and weighs the photons that were `found` and listed. Flights that changed leave the
-    /// fluence and come back to it part by part, or, where they are many, all is summed anew in
-    /// the end.
-    fn photons(
+    /// Traces and weighs the photons that were found, part by part, and tells the light field.
+    /// Returns false where it was abandoned.
+    fn trace_photons(
         &mut self,
         gpu: &Gpu,
-        (listed, found): (u64, Counters),
+        found: &Found,
+        split: &Split,
         progress: &mut Progress,
     ) -> Result<bool> {
-        if let LightField::Fluence(fluence) = &mut self.field {
-            fluence.current &= !self.fresh;
-        }
-        let (mut seen, mut changed, mut known) = (0, 0, found);
+        let cx = Context { gpu, scene: &self.scene, counters: &self.counters };
+        let follows = self.field.follows();
+        self.field.begin(&request(&self.query, self.fresh, &self.source, split), found.listed);
         for i in 0..self.map.batches.len() {
-            let count = self.map.batches[i].list.count;
-            self.map.batches[i].stale |= count > 0;
+            self.map.batches[i].stale |= self.map.batches[i].list.count > 0;
             if self.fresh {
                 if progress.stops("photons") {
                     return Ok(false);
                 }
-                let batch = &self.map.batches[i];
-                let all = (batch, 0..count, false);
-                self.map.trace(gpu, &self.scene, &self.counters, all, progress)?;
+                self.map.trace_all(cx, i, progress)?;
                 continue;
             }
-            for part in self.map.parts(&self.map.batches[i]) {
-                let batch = &self.map.batches[i];
+            for part in self.map.parts(i) {
                 if progress.stops("photons") {
                     return Ok(false);
                 }
-                let (scene, counters) = (&self.scene, &self.counters);
-                let points = matches!(self.field, LightField::Points(_));
-                let again = (batch, &part, points);
-                let weighed = found.invalid == 0
-                    && !batch.relit
-                    && self.map.weigh(gpu, scene, counters, again, progress)?;
-                if !weighed {
-                    self.map.copy(gpu, batch, &part, 1)?;
-                    let again = (batch, part.clone(), true);
-                    self.map.trace(gpu, scene, counters, again, progress)?;
-                    self.map.compare(gpu, batch, (&part, points), counters)?;
+                let is_path_kept = !found.any_invalid && !self.map.batches[i].relit;
+                let mut change = Change::Weighed;
+                if !is_path_kept || !self.map.weigh(cx, &part, follows, progress)? {
+                    change = Change::Traced;
+                    self.map.keep(gpu, &part)?;
+                    self.map.trace(cx, &part, progress)?;
+                    self.map.compare(cx, &part, follows)?;
                 }
-                match &mut self.field {
-                    LightField::Points(_) => {
-                        let (after, batch) = (self.counters.read(gpu)?, &mut self.map.batches[i]);
-                        batch.any_moved |= after.moved > known.moved;
-                        batch.any_relit |= after.repowered > known.repowered;
-                        known = after;
-                    }
-                    LightField::Fluence(fluence) if fluence.current => {
-                        let chosen = self.map.choose(gpu, i, &part)?;
-                        // As many of the others will change as of those that were seen.
-                        seen += u64::from(part.end - part.start);
-                        changed += u64::from(chosen.listed);
-                        let photons = u64::from(self.scene.lights.photons);
-                        fluence.current = weighed || 2 * changed * listed <= photons * seen;
-                        if fluence.current {
-                            self.move_flights(gpu, (i, chosen, weighed), progress)?;
-                        }
-                    }
-                    LightField::Fluence(_) => {}
-                }
+                self.field.take(cx, &mut self.map, &part, change, progress)?;
             }
         }
         Ok(true)
     }
 
-    /// Takes the old flights of the chosen photons of a batch out of the fluence, and adds the
-    /// new ones: at once where they are the same but for their power (`weighed`).
-    fn move_flights(
-        &self,
-        gpu: &Gpu,
-        (batch, chosen, weighed): (usize, PhotonParams, bool),
-        progress: &mut Progress,
-    ) -> Result<()> {
-        let LightField::Fluence(fluence) = &self.field else { return Ok(()) };
-        let batch = &self.map.batches[batch];
-        let sign = if weighed { 0 } else { -1 };
-        let old = (PhotonParams { sign, ..chosen }, self.map.journal_bindings(batch));
-        fluence.deposit(gpu, &self.scene, old, &self.counters, progress)?;
-        if weighed {
-            return Ok(());
-        }
-        let new = (PhotonParams { journal: 0, ..chosen }, self.map.live_bindings(batch));
-        fluence.deposit(gpu, &self.scene, new, &self.counters, progress)
-    }
-
     /// Brings the light field up to date, and marks where light changed. Returns how many
     /// points changed.
-    fn light_field(&mut self, gpu: &Gpu, split: &Split, progress: &mut Progress) -> Result<u64> {
-        match &mut self.field {
-            LightField::Points(points) => {
-                if self.fresh {
-                    points.forget();
-                }
-                let with = (&self.query, split, &self.counters);
-                points.build(gpu, &self.scene, &mut self.map, with, progress)?;
-                if self.fresh {
-                    points.ignore();
-                    return Ok(points.count());
-                }
-                if self.source.settings.spatial == Spatial::Off {
-                    points.ignore();
-                    return Ok(0);
-                }
-                points.compare(gpu, &self.dirty, &self.counters)
-            }
-            LightField::Fluence(fluence) => {
-                if !fluence.current {
-                    let map = &mut self.map;
-                    fluence.sum_all(gpu, &self.scene, map, &self.counters, progress)?;
-                }
-                // All segments of a rebuild are computed, whatever is marked.
-                let dirty = (&self.dirty, !self.fresh);
-                fluence.resolve(gpu, dirty, &self.counters).map(|()| 0)
-            }
-        }
+    fn build_field(&mut self, gpu: &Gpu, split: &Split, progress: &mut Progress) -> Result<u64> {
+        let cx = Context { gpu, scene: &self.scene, counters: &self.counters };
+        let request = request(&self.query, self.fresh, &self.source, split);
+        self.field.build(cx, &mut self.map, &request, &self.dirty, progress)
     }
 
     /// Computes the segments that read what changed or see light that did, and the image.
-    /// Returns what [`SegmentMap::update`] does.
-    fn view(
+    fn compute_segments(
         &mut self,
         gpu: &Gpu,
         split: &Split,
         progress: &mut Progress,
-    ) -> Result<([u64; 3], Counters)> {
-        let read = match self.field {
-            LightField::Points(_) if self.source.settings.spatial != Spatial::Off => {
-                CHANGE_RISEN | CHANGE_FALLEN | CHANGE_EMISSION
-            }
+    ) -> Result<Computed> {
+        let columns = match self.source.settings.spatial {
             // Without a spatial test a segment stands for the photons of its own values, too.
-            _ => u32::MAX,
+            Spatial::Off => u32::MAX,
+            _ => self.field.columns_read(),
         };
         self.dirty.project(gpu, &self.scene)?;
-        let stage = SegmentStage {
-            gpu,
-            device: &self.scene,
-            field: &self.field,
-            dirty: &self.dirty,
-            counters: &self.counters,
-        };
-        let query = self.query.mask(read, &self.scene.bins);
-        self.segments.update(&stage, query, split, progress)
+        let cx = Context { gpu, scene: &self.scene, counters: &self.counters };
+        let from = Sources { field: &*self.field, dirty: &self.dirty };
+        let query = self.query.mask(columns, &self.scene.bins);
+        self.segments.update(cx, from, query, split, progress)
     }
 
     /// All is as the scene has it: nothing remains noted.
-    fn settle(&mut self, gpu: &Gpu) -> Result<()> {
+    fn end(&mut self, gpu: &Gpu, done: &mut Updated, computed: Computed) -> Result<()> {
+        done.recomputed = computed.segments;
+        done.corrected = computed.corrected;
+        done.segments = computed.total;
+        done.counts = computed.counts;
+        done.points_built = self.field.points_built(&done.counts);
+        done.counts.all_fitted()?;
         self.query = Query::default();
-        if let LightField::Points(points) = &mut self.field {
-            points.settle();
-        }
+        self.field.all_seen();
         self.map.batches.iter_mut().for_each(|b| (b.relit, b.stale) = (false, false));
         (self.fresh, self.pending) = (false, false);
         self.dirty.clear(gpu)
@@ -452,62 +383,23 @@ impl PhotonFrame {
     pub fn list_bytes(&self) -> ListBytes {
         ListBytes {
             photons: self.map.list_bytes(),
-            points: match &self.field {
-                LightField::Points(points) => points.update_bytes(),
-                LightField::Fluence(_) => 0,
-            },
+            points: self.field.update_bytes(),
             journal: self.map.journal_bytes(),
             segments: self.segments.list_bytes() + self.dirty.bytes(),
         }
     }
 }
 
-/// An empty light field, its name, and the marks of where it changes.
-fn light_field(
-    gpu: &Gpu,
-    device: &DeviceScene,
-    settings: &Settings,
-    split: &Split,
-) -> Result<(LightField, &'static str, Dirty)> {
-    let chosen = settings.estimator.unwrap_or(match device.table.is_isotropic() {
-        true => Estimator::Fluence,
-        false => Estimator::Points,
-    });
-    suits(chosen, device)?;
-    let (field, name, reach) = match chosen {
-        Estimator::Fluence => {
-            let fluence = Box::new(Fluence::new(gpu, device, settings)?);
-            (LightField::Fluence(fluence), "fluence", 0.0)
-        }
-        Estimator::Points => {
-            let spacing = device.frame.per_voxel.map(|n| 1.0 / f64::from(n));
-            let smallest = spacing.iter().copied().fold(f64::INFINITY, f64::min);
-            let radius = settings.radius.unwrap_or(smallest);
-            let name = match settings.weighting {
-                Weighting::Plain => "points plain",
-                Weighting::Even => "points even",
-            };
-            let points = Box::new(Points::new(gpu, device, (settings, radius), split)?);
-            (LightField::Points(points), name, radius as f32)
-        }
-    };
-    Ok((field, name, Dirty::new(gpu, device, reach, settings.spatial)?))
+fn request<'a>(
+    query: &'a Query,
+    is_rebuild: bool,
+    source: &Scene,
+    split: &'a Split,
+) -> Request<'a> {
+    let asks_for_light = source.settings.spatial != Spatial::Off;
+    Request { query, is_rebuild, asks_for_light, split }
 }
 
 fn light_ids(scene: &Scene) -> Vec<u32> {
     scene.lights.iter().map(|light| light.id).collect()
-}
-
-fn not_isotropic() -> Error {
-    Error::setting(
-        "the `fluence` estimator knows isotropic scattering only, and a material has phase_g other \
-         than 0: use `estimator = \"points\"`",
-    )
-}
-
-fn suits(estimator: Estimator, device: &DeviceScene) -> Result<()> {
-    match estimator {
-        Estimator::Fluence if !device.table.is_isotropic() => Err(not_isotropic()),
-        _ => Ok(()),
-    }
 }

@@ -16,7 +16,7 @@ pub const CELL_EDGE: u32 = 8;
 pub struct MacroCells {
     /// Cells along each axis.
     pub counts: [u32; 3],
-    /// Least and greatest value of each cell, as [`Volume::unit`] gives them.
+    /// Least and greatest of each cell, as [`Volume::number`] gives them.
     pub ranges: Vec<[f32; 2]>,
 }
 
@@ -40,7 +40,7 @@ fn range(volume: &Volume, counts: [u32; 3], cell: usize) -> [f32; 2] {
     for k in span(2) {
         for j in span(1) {
             for i in span(0) {
-                let v = volume.unit(i, j, k);
+                let v = volume.number(i, j, k);
                 low = low.min(v);
                 high = high.max(v);
             }
@@ -74,8 +74,8 @@ mod tests {
             let v = volume([20, 9, 8], |i, j, k| if (i, j, k) == (x, 0, 0) { 4095 } else { 0 });
             let cells = MacroCells::of(&v);
             assert_eq!(cells.counts, [3, 2, 1]);
-            assert_eq!(cells.ranges[0] == [0.0, 1.0], seen, "voxel {x}");
-            assert_eq!(cells.ranges[1], [0.0, 1.0]);
+            assert_eq!(cells.ranges[0] == [0.0, 4095.0], seen, "voxel {x}");
+            assert_eq!(cells.ranges[1], [0.0, 4095.0]);
             assert_eq!(cells.ranges[5], [0.0, 0.0]);
         }
     }

@@ -9,6 +9,7 @@ use std::io::Read;
 use std::path::Path;
 
 use glam::{DAffine3, DMat3, DVec3};
+use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 
@@ -50,6 +51,26 @@ impl Voxels {
             Self::U16(_) => "u16",
             Self::F32(_) => "f32",
         }
+    }
+}
+
+/// The numbers that kernels are given for voxels: whole ones for integer data, from 0 on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Numbers {
+    /// Physical value of the number 0, the least of the data.
+    pub least: f64,
+    /// Physical value for each unit.
+    pub step: f64,
+    /// The greatest.
+    pub span: f64,
+    /// Whether all are whole.
+    pub are_whole: bool,
+}
+
+impl Numbers {
+    /// Whether all are whole, and few enough that each can have a table entry of its own.
+    pub fn are_few(&self) -> bool {
+        self.are_whole && self.span < 4096.0
     }
 }
 
@@ -154,16 +175,9 @@ impl Volume {
         &self.voxels
     }
 
-    /// What takes the numbers that a kernel is given, of which the least is 0, to [0, 1]
-    /// over the data's range (the greatest may land one rounding step off 1); 0 where all
-    /// values are equal.
-    pub fn gain(&self) -> f32 {
-        let [low, high] = self.range;
-        let span = match self.voxels {
-            Voxels::F32(_) => high - low,
-            Voxels::U8(_) | Voxels::U16(_) => ((high - low) / self.step).round(),
-        };
-        if span > 0.0 { (1.0 / span) as f32 } else { 0.0 }
+    /// Physical value for each unit of the numbers that a kernel is given, of which the least is 0.
+    pub fn step(&self) -> f64 {
+        self.step
     }
 
     /// The number at a memory index that a kernel is given. Far from zero single precision is
@@ -217,22 +231,34 @@ impl Volume {
         }
     }
 
-    /// Value of voxel (i, j, k) in [0, 1] over the data's range, bit for bit as
-    /// a kernel finds it with [`Self::gain`].
+    /// What the numbers of all voxels have in common.
+    pub fn numbers(&self) -> Numbers {
+        let [least, greatest] = self.range;
+        let (span, are_whole) = match &self.voxels {
+            Voxels::F32(data) => {
+                (greatest - least, data.par_iter().all(|value| value.fract() == 0.0))
+            }
+            Voxels::U8(_) | Voxels::U16(_) => (((greatest - least) / self.step).round(), true),
+        };
+        Numbers { least, step: self.step, span, are_whole }
+    }
+
+    /// The number of voxel (i, j, k) that a kernel is given: its value is the least of the data plus
+    /// so many [steps](Self::step).
     ///
     /// # Panics
     /// Outside the volume.
-    pub fn unit(&self, i: u32, j: u32, k: u32) -> f32 {
-        self.given(self.index(i, j, k)) * self.gain()
+    pub fn number(&self, i: u32, j: u32, k: u32) -> f32 {
+        self.given(self.index(i, j, k))
     }
 
     /// How many voxels lie in each of `bins` equal parts of the range.
     pub fn histogram(&self, bins: usize) -> Vec<u64> {
-        let gain = self.gain();
+        let span = (self.range[1] - self.range[0]) / self.step;
+        let per_number = if span > 0.0 { (bins as f64 / span) as f32 } else { 0.0 };
         let mut counts = vec![0; bins];
         for at in 0..self.size.iter().map(|&n| n as usize).product() {
-            let v = self.given(at) * gain;
-            counts[((v * bins as f32) as usize).min(bins - 1)] += 1;
+            counts[((self.given(at) * per_number) as usize).min(bins - 1)] += 1;
         }
         counts
     }

@@ -195,7 +195,7 @@ impl<'a> Oracle<'a> {
         values: &mut Vec<u64>,
     ) {
         let [k0, k1, ..] = pcg4d([stream, index, event, FOR_FLIGHT]);
-        let majorant = f64::from(self.frame.scene.frame.majorant);
+        let majorant = f64::from(self.frame.scene.params.majorant);
         let edge = self.spacing * MACRO_CELL;
         let cells = (self.extent / edge - 1e-6).ceil().as_uvec3();
         let t = self.crossings((start, direction), edge, 0.0, length);
@@ -224,11 +224,15 @@ impl<'a> Oracle<'a> {
         }
     }
 
+    fn bin(&self, entry: u32) -> u32 {
+        self.frame.scene.bins.bin(entry as usize)
+    }
+
     /// The bit of a value and a mark: as many neighbouring bins as there are classes of marks
     /// share theirs.
     fn mark_bit(&self, entry: u32, layer: u32) -> u64 {
-        let classes = self.frame.scene.frame.mark_classes;
-        1 << (entry / 64 / classes * classes + layer * classes / LAYERS)
+        let classes = self.frame.scene.params.mark_classes;
+        1 << (self.bin(entry) / classes * classes + layer * classes / LAYERS)
     }
 
     /// The table entries that a point's value may be taken for; `None` where its voxel is not
@@ -238,7 +242,7 @@ impl<'a> Oracle<'a> {
         let size = UVec3::from(self.volume.size()).as_ivec3();
         let voxel = |i: glam::IVec3| {
             let i = i.clamp(glam::IVec3::ZERO, size - 1).as_uvec3();
-            f64::from(self.volume.unit(i.x, i.y, i.z))
+            f64::from(self.volume.number(i.x, i.y, i.z))
         };
         let value = match self.scene.filter {
             Filter::Nearest => {
@@ -261,7 +265,9 @@ impl<'a> Oracle<'a> {
         };
         let slack = if self.scene.filter == Filter::Nearest { 0.01 } else { 0.5 };
         let around = [-slack, 0.0, slack];
-        let entry = |by: f64| (value * ENTRIES + by).clamp(0.0, ENTRIES - 1.0) as u32;
+        let params = &self.frame.scene.params;
+        let at = value * f64::from(params.gain) + f64::from(params.shift);
+        let entry = |by: f64| (at + by).clamp(0.0, ENTRIES - 1.0) as u32;
         let mut entries = around.map(entry).to_vec();
         entries.dedup();
         Some(entries)
@@ -296,14 +302,14 @@ impl<'a> Oracle<'a> {
                 return;
             }
             if let Some(entries) = self.entries_at(origin + way * at) {
-                values.push(entries.iter().fold(0, |m, &e| m | 1 << (e / 64)));
+                values.push(entries.iter().fold(0, |m, &e| m | 1 << self.bin(e)));
                 let extinction = |&e: &u32| self.frame.scene.table.extinction[e as usize];
                 depth += f64::from(entries.iter().map(extinction).fold(0.0, f32::max)) * step;
             }
         };
         match self.scene.filter {
             Filter::Linear => {
-                let samples = length / f64::from(self.frame.scene.frame.step);
+                let samples = length / f64::from(self.frame.scene.params.step);
                 if (samples - samples.round()).abs() < 0.01 {
                     return None;
                 }

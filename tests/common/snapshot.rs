@@ -2,7 +2,6 @@
 
 use super::gpu;
 use photogram::device_scene::DeviceScene;
-use photogram::field::LightField;
 use photogram::gpu::Gpu;
 use photogram::gpu::Progress;
 use photogram::gpu::counter::Counters;
@@ -26,7 +25,7 @@ pub struct Snapshot {
 
 pub fn rebuild(gpu: &Gpu, scene: &Scene, volume: &Volume, split: &Split) -> Snapshot {
     let device = DeviceScene::new(gpu, scene, volume).expect("uploads");
-    let mut frame = PhotonFrame::new(gpu, scene, device, scene.settings.rays, split).expect("fits");
+    let mut frame = PhotonFrame::new(gpu, scene, device, split).expect("fits");
     frame.rebuild(gpu, split, &mut Progress::silent()).expect("rebuilds");
     snapshot(gpu, &frame)
 }
@@ -50,13 +49,14 @@ pub fn snapshot(gpu: &Gpu, frame: &PhotonFrame) -> Snapshot {
             slots.extend(events.map(|k| [places[k * n + p], states[k * n + p]]));
         }
     }
-    let field: Vec<[u32; 8]> = match &frame.field {
-        LightField::Points(points) => points.sorted(gpu).expect("reads"),
-        LightField::Fluence(fluence) => {
+    let field: Vec<[u32; 8]> = match (frame.field.points(), frame.field.fluence()) {
+        (Some(points), _) => points.sorted(gpu).expect("reads"),
+        (_, Some(fluence)) => {
             let [r, g, b] = fluence.read(gpu).expect("reads");
             let cell = |i: usize| bytemuck::cast([r[i], g[i], b[i], 0]);
             (0..r.len()).map(cell).collect()
         }
+        _ => panic!("another light field"),
     };
     let segments = frame.segments.read(gpu).expect("reads");
     let image = frame.segments.image(gpu).expect("reads");

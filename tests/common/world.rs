@@ -66,8 +66,7 @@ pub fn world(estimator: Estimator, weighting: Weighting, filter: Filter) -> (Sce
 
 pub fn frame(scene: &Scene, volume: &Volume, split: &Split) -> PhotonFrame {
     let device = DeviceScene::new(gpu(), scene, volume).expect("uploads");
-    let mut frame =
-        PhotonFrame::new(gpu(), scene, device, scene.settings.rays, split).expect("fits");
+    let mut frame = PhotonFrame::new(gpu(), scene, device, split).expect("fits");
     frame.rebuild(gpu(), split, &mut Progress::silent()).expect("rebuilds");
     frame
 }
@@ -99,7 +98,7 @@ impl Dice {
     }
 }
 
-pub const CLASSES: [&str; 17] = [
+pub const CLASSES: [&str; 22] = [
     "denser",
     "thinner",
     "transparent",
@@ -117,6 +116,11 @@ pub const CLASSES: [&str; 17] = [
     "light gone or back",
     "background",
     "camera",
+    "majorant",
+    "photons",
+    "light field",
+    "size and rays",
+    "step",
 ];
 
 /// A random scene: size, spacing, orientation and type of the volume, three tissues over
@@ -306,6 +310,27 @@ pub fn random_edit(
             _ => drop(scene.lights.remove(light)),
         },
         "background" => scene.background = DVec3::splat(dice.unit()),
+        // By an extinction above it, or by its word.
+        "majorant" => match dice.below(2) {
+            0 => material.extinction = most * (1.1 + dice.unit()),
+            _ => scene.settings.majorant = Some(most * (1.0 + dice.unit())),
+        },
+        "photons" => match dice.below(3) {
+            0 => scene.settings.max_events = 1 + dice.below(7) as u32,
+            1 => scene.settings.seed = dice.roll(),
+            _ => scene.settings.photons = 400 + dice.below(600) as u64,
+        },
+        "light field" => {
+            let settings = &mut scene.settings;
+            settings.grid = 0.3 + 0.7 * dice.unit();
+            settings.radius = settings.radius.map(|r| (r * (0.6 + dice.unit())).clamp(0.3, 4.0));
+        }
+        "size and rays" => match dice.below(3) {
+            0 => scene.camera.width = 5 + dice.below(18) as u32,
+            1 => scene.settings.segments = 1 + dice.below(7) as u32,
+            _ => scene.settings.rays = 1 + u32::from(dice.below(8) == 0),
+        },
+        "step" => scene.settings.step = 0.5 + dice.unit(),
         _ => {
             let by = DVec3::new(dice.unit(), dice.unit(), dice.unit()) - 0.5;
             match (dice.below(4), &mut scene.camera.place) {

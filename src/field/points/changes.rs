@@ -7,13 +7,13 @@
 
 use std::ops::Range;
 
-use super::table::{Part, run};
+use super::table::{Block, Bucketed};
 use super::{Points, PointsParams};
+use crate::device_scene::Context;
 use crate::error::Result;
 use crate::field::Run;
 use crate::field::dirty::Dirty;
 use crate::gpu::Gpu;
-use crate::gpu::counter::CounterBuffer;
 use crate::gpu::run::Stage;
 use crate::gpu::scan::Scanner;
 use crate::gpu::work::WorkList;
@@ -39,7 +39,8 @@ pub(super) struct Listed {
 
 impl Listed {
     pub(super) fn run<'a>(&'a self, field: &'a wgpu::Buffer) -> Run<'a> {
-        run(self.count, [&self.places, &self.lights, &self.starts, field])
+        let Self { count, places, lights, starts } = self;
+        Bucketed { count: *count, places, lights, starts }.run(field)
     }
 }
 
@@ -48,57 +49,67 @@ pub(super) struct Moved {
     count: u32,
     keys: wgpu::Buffer,
     places: wgpu::Buffer,
-    /// The light that was seen, and that of now; `None`: dark.
-    lights: [Option<wgpu::Buffer>; 2],
+    /// The light that segments have seen; `None`: dark.
+    seen: Option<wgpu::Buffer>,
+    /// The light of now; `None`: dark.
+    now: Option<wgpu::Buffer>,
     /// Those whose light did; `None`: all.
     marked: Option<WorkList>,
 }
 
 impl Moved {
     /// All points of a part that went.
-    pub(super) fn gone(part: &Part) -> Self {
-        Self::new(part, [Some(&part.lights), None], None)
+    pub(super) fn gone(part: &Block) -> Self {
+        Self { now: None, ..Self::all(part) }
     }
 
     /// All points of a part that came.
-    pub(super) fn came(part: &Part) -> Self {
-        Self::new(part, [None, Some(&part.lights)], None)
+    pub(super) fn came(part: &Block) -> Self {
+        Self { seen: None, ..Self::all(part) }
     }
 
     /// Those whose light is not what was `seen`, as marked.
-    pub(super) fn some(part: &Part, seen: &wgpu::Buffer, marked: WorkList) -> Self {
-        Self::new(part, [Some(seen), Some(&part.lights)], Some(marked))
+    pub(super) fn some(part: &Block, seen: wgpu::Buffer, marked: WorkList) -> Self {
+        Self { seen: Some(seen), marked: Some(marked), ..Self::all(part) }
     }
 
-    fn new(part: &Part, lights: [Option<&wgpu::Buffer>; 2], marked: Option<WorkList>) -> Self {
-        let Part { count, keys, places, .. } = part;
-        let (keys, places) = (keys.clone(), places.clone());
-        Self { count: *count, keys, places, lights: lights.map(|l| l.cloned()), marked }
-    }
-
-    /// Lights of each: seen, of now, or both.
-    fn lights_each(&self) -> u64 {
-        self.lights.iter().flatten().count() as u64
+    fn all(part: &Block) -> Self {
+        let [keys, places, lights] = [&part.keys, &part.places, &part.lights].map(Clone::clone);
+        let seen = Some(lights.clone());
+        Self { count: part.count, keys, places, seen, now: Some(lights), marked: None }
     }
 
     /// How many are marked is to be learned yet.
-    fn list(&mut self, gpu: &Gpu) -> Result<WorkList> {
+    fn list(mut self, gpu: &Gpu) -> Result<Found> {
         let stage = gpu.stage("list");
-        match self.marked.take() {
+        let list = match self.marked.take() {
             Some(list) => list.record(stage).map(|()| list),
             None => {
                 let mut list = WorkList::new(gpu, self.count)?;
                 list.fill(stage, None).map(|()| list)
             }
-        }
+        };
+        list.map(|list| Found { points: self, list })
     }
 }
 
-/// With a list of those whose light did.
-type Found = (Moved, WorkList);
+/// Points whose light changed.
+struct Found {
+    /// Those that may have.
+    points: Moved,
+    /// Which of them did.
+    list: WorkList,
+}
+
+impl Found {
+    /// Lights of each: seen, of now, or both.
+    fn lights_each(&self) -> u32 {
+        [&self.points.seen, &self.points.now].into_iter().flatten().count() as u32
+    }
+}
 
 fn count(found: &[Found]) -> u64 {
-    found.iter().map(|(_, list)| u64::from(list.count)).sum()
+    found.iter().map(|found| u64::from(found.list.count)).sum()
 }
 
 impl Points {
@@ -107,14 +118,14 @@ impl Points {
     ///
     /// # Errors
     /// The device failed, or ended the loops that mark what is around a point.
-    pub fn compare(&mut self, gpu: &Gpu, dirty: &Dirty, counters: &CounterBuffer) -> Result<u64> {
+    pub(super) fn compare(&mut self, cx: Context, dirty: &Dirty) -> Result<u64> {
+        let Context { gpu, counters, .. } = cx;
         let moved = std::mem::take(&mut self.moved).into_iter();
-        let listed = moved.map(|mut m| m.list(gpu).map(|list| (m, list)));
-        let mut listed = listed.collect::<Result<Vec<_>>>()?;
+        let mut listed = moved.map(|m| m.list(gpu)).collect::<Result<Vec<_>>>()?;
         // A list of all knows its length.
-        let lists = listed.iter_mut().map(|(_, list)| list).filter(|list| list.count == 0);
+        let lists = listed.iter_mut().map(|found| &mut found.list).filter(|list| list.count == 0);
         WorkList::learn(gpu, &mut lists.collect::<Vec<_>>())?;
-        self.mark_around(gpu, (dirty, counters), &listed)?;
+        self.mark_around(cx, dirty, &listed)?;
         if matches!(self.changes, Changes::None) {
             self.changes = self.found(gpu, &listed)?;
         }
@@ -126,28 +137,24 @@ impl Points {
     }
 
     /// Marks the light around the listed points.
-    fn mark_around(
-        &self,
-        gpu: &Gpu,
-        (dirty, counters): (&Dirty, &CounterBuffer),
-        listed: &[Found],
-    ) -> Result<()> {
+    fn mark_around(&self, cx: Context, dirty: &Dirty, listed: &[Found]) -> Result<()> {
         let items = count(listed);
         // Where most went and others came, they are everywhere.
         if items > 0 && dirty.is_far([0.0; 3]) || 2 * items > 3 * self.count() {
-            return dirty.mark_all(gpu);
+            return dirty.mark_all(cx.gpu);
         }
-        for (moved, list) in listed {
+        for Found { points, list } in listed {
             let mut bindings = dirty.bindings();
-            bindings.push(("point_places", (&moved.places).into()));
+            bindings.push(("point_places", (&points.places).into()));
             bindings.push(("work", (&list.items).into()));
-            bindings.push(("counters", counters.buffer().into()));
+            bindings.push(("counters", cx.counters.buffer().into()));
             let work = |stage: &mut Stage, range: Range<u64>| {
                 let params =
                     PointsParams { first: range.start as u32, ..self.params(range.end as u32) };
                 stage.dispatch(&self.dirty, range.end - range.start, &bindings, &params)
             };
-            gpu.sliced("points_dirty", list.count.into(), &self.dirty_pace, work, &mut |_| ())?;
+            let pace = &self.dirty_pace;
+            cx.gpu.sliced("points_dirty", list.count.into(), pace, work, &mut |_| ())?;
         }
         Ok(())
     }
@@ -155,8 +162,8 @@ impl Points {
     /// Takes the listed points, unless to gather all anew is cheaper, which was measured to be so
     /// where they have more lights than there are points.
     fn found(&self, gpu: &Gpu, listed: &[Found]) -> Result<Changes> {
-        let lights: u64 =
-            listed.iter().map(|(moved, list)| moved.lights_each() * u64::from(list.count)).sum();
+        let lights = listed.iter().map(|f| u64::from(f.lights_each()) * u64::from(f.list.count));
+        let lights = lights.sum::<u64>();
         let fits = lights * size_of::<[f32; 4]>() as u64 <= gpu.max_binding();
         match lights {
             0 => Ok(Changes::None),
@@ -175,41 +182,37 @@ impl Points {
         };
         let mut stage = gpu.stage("points_take");
         stage.clear(&taken.starts);
-        for (moved, list) in listed {
+        for found in listed {
+            let Found { points, list } = found;
             let bindings = [
                 ("work", (&list.items).into()),
-                ("keys", (&moved.keys).into()),
+                ("keys", (&points.keys).into()),
                 ("starts", (&taken.starts).into()),
             ];
-            let params = self.taking(moved, list);
+            let params =
+                PointsParams { lights_each: found.lights_each(), ..self.params(list.count) };
             stage.dispatch(&self.tally, list.count.into(), &bindings, &params)?;
         }
         let begins = self.params.buckets + 1;
         Scanner::new(gpu, begins)?.record(&mut stage, &taken.starts, begins)?;
-        for (moved, list) in listed {
-            let [seen, now] = moved.lights.each_ref().map(Option::as_ref);
-            let none = &self.none.lights;
-            let bindings = [
-                ("work", (&list.items).into()),
-                ("keys", (&moved.keys).into()),
-                ("seen_places", (&moved.places).into()),
-                ("seen_lights", seen.unwrap_or(none).into()),
-                ("now_lights", now.unwrap_or(none).into()),
-                ("starts", (&taken.starts).into()),
-                ("point_places", (&taken.places).into()),
-                ("point_lights", (&taken.lights).into()),
-            ];
-            let params = self.taking(moved, list);
-            stage.dispatch(&self.take, list.count.into(), &bindings, &params)?;
+        for Found { points, list } in listed {
+            for (lights, sign) in [(&points.seen, -1.0), (&points.now, 1.0)] {
+                let Some(lights) = lights else { continue };
+                let bindings = [
+                    ("work", (&list.items).into()),
+                    ("keys", (&points.keys).into()),
+                    ("from_places", (&points.places).into()),
+                    ("from_lights", lights.into()),
+                    ("starts", (&taken.starts).into()),
+                    ("point_places", (&taken.places).into()),
+                    ("point_lights", (&taken.lights).into()),
+                ];
+                let params = PointsParams { sign, ..self.params(list.count) };
+                stage.dispatch(&self.take, list.count.into(), &bindings, &params)?;
+            }
         }
         self.tell_rows(&mut stage, &taken.starts)?;
         stage.finish()?;
         Ok(taken)
-    }
-
-    /// What kernels are told of points that are taken.
-    fn taking(&self, moved: &Moved, list: &WorkList) -> PointsParams {
-        let [had, has] = moved.lights.each_ref().map(|light| light.is_some().into());
-        PointsParams { had, has, ..self.params(list.count) }
     }
 }

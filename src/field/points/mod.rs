@@ -16,22 +16,22 @@ mod table;
 
 use std::sync::Arc;
 
-use crate::bits::words;
-use crate::device_scene::DeviceScene;
+use self::changes::{Changes, Moved};
+use self::table::{Block, Table};
+use super::dirty::Dirty;
+use super::{Change, LightField, Request, Run, SegmentLight};
+use crate::bits::{CONTRIBUTION, words};
+use crate::device_scene::{Context, DeviceScene};
 use crate::error::{Error, Result};
-use crate::field::Run;
-use crate::gpu::Gpu;
-use crate::gpu::Progress;
-use crate::gpu::counter::CounterBuffer;
+use crate::gpu::counter::Counters;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
 use crate::gpu::run::{Pace, Stage};
-use crate::history::{CHANGE_FALLEN, CHANGE_RISEN, CHANGE_SCATTERING, Query};
-use crate::photon::PhotonMap;
-use crate::scene::{Settings, Weighting};
+use crate::gpu::{Gpu, Progress};
+use crate::history::{CHANGE_EMISSION, CHANGE_FALLEN, CHANGE_RISEN, CHANGE_SCATTERING};
+use crate::photon::{Follows, Part, PhotonMap};
+use crate::scene::{Estimator, Settings, Weighting};
 use crate::split::Split;
-use changes::{Changes, Moved};
-use table::{Part, Table};
 
 /// Buckets of a table, at most: 32 MiB, and as much again for points that changed.
 const MAX_BUCKETS: u32 = 1 << 22;
@@ -52,11 +52,11 @@ shared_struct! {
         /// Buckets in the table.
         pub buckets: u32,
         /// 1 / (4/3 pi r³).
-        pub kernel: f32,
-        /// 1 where segments have seen light of what is taken.
-        pub had: u32,
-        /// 1 where what is taken has light.
-        pub has: u32,
+        pub per_ball: f32,
+        /// -1 where light that segments have seen is taken out, 1 where light is added.
+        pub sign: f32,
+        /// Lights that a point counts for.
+        pub lights_each: u32,
         /// 1 where it is of all slots, or of all points; 0 where of those that moved, stay or are
         /// listed.
         pub all: u32,
@@ -80,6 +80,25 @@ shared_struct! {
     }
 }
 
+shared_struct! {
+    /// What an update needs to know of a point.
+    pub struct Origin {
+        /// Its slot among those of all members of its table.
+        pub slot: u32,
+        /// The mean extinction around it, 1/mm, where `even` divides by it.
+        pub mean: f32,
+    }
+}
+
+/// Points that may have other light where they are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Reach {
+    /// Any: the query has what light depends on.
+    All,
+    /// Those of batches whose slots changed.
+    StaleBatches,
+}
+
 /// The points of a table, bucket by bucket.
 pub struct Contents {
     /// Position, mm (three `f32`), and packed direction of each.
@@ -96,6 +115,8 @@ pub struct Contents {
 pub struct Points {
     /// Gather radius, mm.
     pub radius: f32,
+    /// Units of the segments' sums.
+    scale: f32,
     params: PointsParams,
     /// What gathers are told of the grid.
     field: wgpu::Buffer,
@@ -115,8 +136,10 @@ pub struct Points {
     history: bool,
     /// Segments have not seen what an earlier build changed.
     unsettled: bool,
+    /// What was counted when a part of the photons was taken last.
+    marked: Counters,
     /// No points, where a kernel wants some that it will not look at.
-    none: Part,
+    none: Block,
     mark: Arc<Kernel>,
     keep: Arc<Kernel>,
     key: Arc<Kernel>,
@@ -139,13 +162,11 @@ impl Points {
     ///
     /// # Errors
     /// The radius is too small for the volume.
-    pub fn new(
-        gpu: &Gpu,
-        scene: &DeviceScene,
-        (settings, radius): (&Settings, f64),
-        split: &Split,
-    ) -> Result<Self> {
-        let grid = scene.frame.extent.map(|e| (f64::from(e) / radius).ceil().max(1.0));
+    pub fn new(gpu: &Gpu, scene: &DeviceScene, settings: &Settings, split: &Split) -> Result<Self> {
+        let spacing = scene.params.per_voxel.map(|n| 1.0 / f64::from(n));
+        let smallest = spacing.iter().copied().fold(f64::INFINITY, f64::min);
+        let radius = settings.radius.unwrap_or(smallest);
+        let grid = scene.params.extent.map(|e| (f64::from(e) / radius).ceil().max(1.0));
         let cells = grid.iter().product::<f64>();
         if cells > f64::from(u32::MAX) {
             return Err(Error::capacity(
@@ -165,13 +186,19 @@ impl Points {
             radius: radius as f32,
             shift,
             buckets: cells.div_ceil(1 << shift) as u32,
-            kernel: (0.75 / (std::f64::consts::PI * radius.powi(3))) as f32,
+            per_ball: (0.75 / (std::f64::consts::PI * radius.powi(3))) as f32,
             ..Default::default()
         };
+        // What segments sum is scaled so that a typical photon has its bits.
+        let photon = settings.flux_unit.unwrap_or(1.0) / settings.photons as f64;
+        let ball = 4.0 / 3.0 * std::f64::consts::PI * f64::from(radius as f32).powi(3);
+        let spacing = 1.0 / scene.params.per_voxel.iter().copied().fold(0.0, f32::max);
+        let typical = photon / ball / (4.0 * std::f64::consts::PI) * f64::from(spacing);
         Ok(Self {
             even,
             radius: radius as f32,
-            none: Part::new(gpu, 0, [even, settings.history])?,
+            scale: (CONTRIBUTION / typical) as f32,
+            none: Block::new(gpu, 0, false)?,
             field: gpu.upload("points field", &[params])?,
             params,
             tables: Vec::new(),
@@ -181,15 +208,13 @@ impl Points {
             built: 0,
             history: settings.history,
             unsettled: false,
+            marked: Counters::default(),
             mark: gpu.kernel("points_mark", &[])?,
             keep: gpu.kernel("points_keep", &[])?,
             key: gpu.kernel("points_key", &[])?,
             merge: gpu.kernel("points_merge", &[])?,
             shift: gpu.kernel("points_shift", &[])?,
-            mean: gpu.kernel(
-                "points_mean",
-                &scene.flags(&["nearest", "squares", "float_voxels", "history", "listed_bins"]),
-            )?,
+            mean: gpu.kernel("points_mean", &scene.flags())?,
             query: gpu.kernel("points_query", &[])?,
             record: record_kernel(gpu, scene, even)?,
             dirty: gpu.kernel("points_dirty", &[])?,
@@ -202,56 +227,38 @@ impl Points {
         })
     }
 
-    /// Takes the kernels that suit an edited scene.
-    ///
-    /// # Errors
-    /// The device refuses them.
-    pub fn respecialise(&mut self, gpu: &Gpu, scene: &DeviceScene) -> Result<()> {
-        self.record = record_kernel(gpu, scene, self.even)?;
-        Ok(())
-    }
-
-    /// Has the next build take all points anew.
-    pub fn forget(&mut self) {
-        self.tables.clear();
-        self.moved.clear();
-        self.unsettled = false;
-    }
-
     /// Brings the points up to date: of batches that changed, or of all where the query has
     /// what their light depends on.
-    ///
-    /// # Errors
-    /// The device failed.
-    pub fn build(
+    fn refresh_all(
         &mut self,
-        gpu: &Gpu,
-        scene: &DeviceScene,
+        cx: Context,
         map: &mut PhotonMap,
-        (query, split, counters): (&Query, &Split, &CounterBuffer),
+        request: &Request,
         progress: &mut Progress,
     ) -> Result<()> {
+        let (gpu, query) = (cx.gpu, request.query);
         self.elsewhere = 0;
         // Segments correct their sums by what one build changed, not by two.
         self.changes = if self.unsettled { Changes::TooMany } else { Changes::None };
-        let reaches = |columns| query.changes.iter().any(|change| change & columns != 0);
+        let has = |columns| query.changes.iter().any(|change| change & columns != 0);
         let extinction = CHANGE_RISEN | CHANGE_FALLEN;
-        let all = reaches(CHANGE_SCATTERING) || self.even && reaches(extinction);
-        self.params.changed = words(query.mask(extinction, &scene.bins));
+        let all = has(CHANGE_SCATTERING) || self.even && has(extinction);
+        let reach = if all { Reach::All } else { Reach::StaleBatches };
+        self.params.changed = words(query.mask(extinction, &cx.scene.bins));
         self.moved.clear();
         let fit = (gpu.max_binding() / 16).min(u32::MAX.into()) as u32;
-        let most = split.table_slots.unwrap_or(fit);
+        let most = request.split.table_slots.unwrap_or(fit);
         let tables = self.with_all(gpu, map, most)?;
         let total = tables.len() as u64;
         for (i, table) in tables.into_iter().enumerate() {
-            let now = match all || !table.is_current(map) {
-                true => self.refreshed(gpu, scene, map, (table, all), (split, counters))?,
+            let now = match reach == Reach::All || !table.is_current(map) {
+                true => self.refreshed(cx, map, table, reach, request.split)?,
                 false => table,
             };
             self.tables.push(now);
             progress.at("points", i as u64 + 1, total);
         }
-        map.batches.iter_mut().try_for_each(|batch| batch.settle(gpu))?;
+        map.batches.iter_mut().try_for_each(|batch| batch.unmark(gpu))?;
         self.unsettled |= !self.moved.is_empty();
         Ok(())
     }
@@ -279,13 +286,13 @@ impl Points {
     }
 
     fn empty(&self, gpu: &Gpu) -> Result<Table> {
-        let part = Part::new(gpu, 0, self.extras())?;
+        let part = Block::new(gpu, 0, self.has_histories())?;
         Ok(Table { members: Vec::new(), part, starts: self.starts(gpu)? })
     }
 
     /// Whether points have means, and those histories.
-    fn extras(&self) -> [bool; 2] {
-        [self.even, self.history]
+    fn has_histories(&self) -> bool {
+        self.even && self.history
     }
 
     /// Room for where each bucket begins, and the last ends, and for which rows around each cell
@@ -305,40 +312,6 @@ impl Points {
 
     fn params(&self, count: u32) -> PointsParams {
         PointsParams { count, ..self.params }
-    }
-
-    /// Nobody asks what the last build changed.
-    pub fn ignore(&mut self) {
-        self.moved.clear();
-    }
-
-    /// All segments were computed from what there is.
-    pub fn settle(&mut self) {
-        self.changes = Changes::None;
-        self.unsettled = false;
-        self.moved.clear();
-    }
-
-    /// Points that a gather tests at a sample, if they are spread evenly.
-    pub(crate) fn tests_per_sample(&self) -> f64 {
-        let all = self.count() as f64;
-        let cells: f64 = self.params.grid.iter().map(|&n| f64::from(n)).product();
-        all * (27.0 / cells).min(1.0)
-    }
-
-    /// All points.
-    pub(crate) fn runs(&self) -> Vec<Run<'_>> {
-        self.tables.iter().map(|table| table.run(&self.field)).collect()
-    }
-
-    /// The points whose light changed since all segments were computed, with old and new light;
-    /// `None` where all points are to be gathered anew.
-    pub(crate) fn changes(&self) -> Option<Vec<Run<'_>>> {
-        match &self.changes {
-            Changes::None => Some(Vec::new()),
-            Changes::Listed(listed) => Some(vec![listed.run(&self.field)]),
-            Changes::TooMany => None,
-        }
     }
 
     /// How many points there are.
@@ -364,7 +337,7 @@ impl Points {
             let mut starts = gpu.read("points starts", starts)?;
             starts.truncate(self.params.buckets as usize + 1);
             let mut mean_histories = gpu.read("mean histories", &part.mean_histories)?;
-            mean_histories.truncate(if self.even && self.history { places.len() } else { 0 });
+            mean_histories.truncate(if self.has_histories() { places.len() } else { 0 });
             Ok(Contents { places, lights, mean_histories, starts })
         });
         contents.collect()
@@ -383,31 +356,165 @@ impl Points {
         all.sort_unstable();
         Ok(all)
     }
+}
 
-    /// Bytes that an update takes beside the points, at most: lists of slots, of points that are
-    /// kept and of those whose light changed, at 4.25 bytes an item; a bit for each slot; the light
-    /// that points had before; all of them anew, once as they come and once in their buckets, with
-    /// the places of both; or lights that changed, fewer than there are points, at 32 bytes each.
-    pub fn update_bytes(&self) -> u64 {
+impl LightField for Points {
+    fn name(&self) -> &'static str {
+        if self.even { "points even" } else { "points plain" }
+    }
+
+    fn estimator(&self) -> Estimator {
+        Estimator::Points
+    }
+
+    fn follows(&self) -> Follows {
+        Follows::Slots
+    }
+
+    fn reach(&self) -> f32 {
+        self.radius
+    }
+
+    fn respecialise(&mut self, gpu: &Gpu, scene: &DeviceScene) -> Result<()> {
+        self.record = record_kernel(gpu, scene, self.even)?;
+        Ok(())
+    }
+
+    fn count_anew(&mut self) {
+        (self.built, self.marked) = (0, Counters::default());
+    }
+
+    fn begin(&mut self, request: &Request, _listed: u64) {
+        if request.is_rebuild {
+            self.tables.clear();
+            self.moved.clear();
+            self.unsettled = false;
+        }
+    }
+
+    fn take(
+        &mut self,
+        cx: Context,
+        map: &mut PhotonMap,
+        part: &Part,
+        _change: Change,
+        _progress: &mut Progress,
+    ) -> Result<()> {
+        let after = cx.counters.read(cx.gpu)?;
+        let batch = &mut map.batches[part.batch];
+        batch.any_moved |= after.moved > self.marked.moved;
+        batch.any_altered |= after.repowered > self.marked.repowered;
+        self.marked = after;
+        Ok(())
+    }
+
+    fn build(
+        &mut self,
+        cx: Context,
+        map: &mut PhotonMap,
+        request: &Request,
+        dirty: &Dirty,
+        progress: &mut Progress,
+    ) -> Result<u64> {
+        self.refresh_all(cx, map, request, progress)?;
+        if request.is_rebuild || !request.asks_for_light {
+            // Nobody asks what changed.
+            self.moved.clear();
+            return Ok(if request.is_rebuild { self.count() } else { 0 });
+        }
+        self.compare(cx, dirty)
+    }
+
+    fn all_seen(&mut self) {
+        self.changes = Changes::None;
+        self.unsettled = false;
+        self.moved.clear();
+    }
+
+    fn columns_read(&self) -> u32 {
+        CHANGE_RISEN | CHANGE_FALLEN | CHANGE_EMISSION
+    }
+
+    fn segment_light(&self) -> SegmentLight {
+        SegmentLight::Sums { scale: self.scale }
+    }
+
+    fn segment_flags(&self) -> Vec<&'static str> {
+        self.even.then_some("even").into_iter().collect()
+    }
+
+    fn runs(&self) -> Vec<Run<'_>> {
+        self.tables.iter().map(|table| table.run(&self.field)).collect()
+    }
+
+    /// The points whose light changed, with old and new light.
+    fn changes(&self) -> Option<Vec<Run<'_>>> {
+        match &self.changes {
+            Changes::None => Some(Vec::new()),
+            Changes::Listed(listed) => Some(vec![listed.run(&self.field)]),
+            Changes::TooMany => None,
+        }
+    }
+
+    fn tests_per_sample(&self) -> f64 {
+        let all = self.count() as f64;
+        let cells: f64 = self.params.grid.iter().map(|&n| f64::from(n)).product();
+        all * (27.0 / cells).min(1.0)
+    }
+
+    fn points_built(&self, counts: &Counters) -> u64 {
+        self.built + counts.refreshed
+    }
+
+    fn radius(&self) -> Option<f32> {
+        Some(self.radius)
+    }
+
+    fn bytes(&self) -> u64 {
+        self.tables.iter().map(Table::bytes).sum()
+    }
+
+    /// Lists of slots, of points that are kept and of those whose light changed, at 4.25 bytes an
+    /// item; two bits for each slot; the light that points had before; all of them anew, once as they
+    /// come and once in their buckets, with the places of both; or lights that changed, fewer than
+    /// there are points, at 32 bytes each.
+    fn update_bytes(&self) -> u64 {
         let slots: u64 = self.tables.iter().map(|table| u64::from(table.slots())).sum();
         let points = self.count();
-        (17 * slots + 2 * 17 * points) / 4 + slots / 8 + (16 + 8) * points + 2 * self.bytes()
+        (17 * slots + 2 * 17 * points) / 4 + slots / 4 + (16 + 8) * points + 2 * self.bytes()
     }
 
-    /// Bytes of the histories of means.
-    pub fn history_bytes(&self) -> u64 {
+    /// Those of means.
+    fn history_bytes(&self) -> u64 {
         let all = self.tables.iter().map(|table| table.part.mean_histories.size());
-        if self.even && self.history { all.sum() } else { 0 }
+        if self.has_histories() { all.sum() } else { 0 }
     }
 
-    /// Bytes of the points and their tables.
-    pub fn bytes(&self) -> u64 {
-        self.tables.iter().map(Table::bytes).sum()
+    fn differing(&self, gpu: &Gpu, other: &dyn LightField) -> Result<u64> {
+        let Some(other) = other.points() else { return Ok(u64::MAX) };
+        let (own, others) = (self.sorted(gpu)?, other.sorted(gpu)?);
+        Ok((own.len().max(others.len()) - in_both(&own, &others)) as u64)
+    }
+
+    fn points(&self) -> Option<&Points> {
+        Some(self)
     }
 }
 
+/// How many items of two sorted lists are in both.
+fn in_both<T: Ord>(one: &[T], other: &[T]) -> usize {
+    let (mut a, mut b, mut both) = (0, 0, 0);
+    while a < one.len() && b < other.len() {
+        let order = one[a].cmp(&other[b]);
+        both += usize::from(order.is_eq());
+        a += usize::from(order.is_le());
+        b += usize::from(order.is_ge());
+    }
+    both
+}
+
 fn record_kernel(gpu: &Gpu, scene: &DeviceScene, even: bool) -> Result<Arc<Kernel>> {
-    let mut flags = scene.flags(&["anisotropic"]);
+    let mut flags = scene.flags();
     flags.extend(even.then_some("even"));
     gpu.kernel("points_record", &flags)
 }

@@ -2,15 +2,15 @@
 //! their order, and new ones join them in their buckets.
 
 use super::changes::Moved;
-use super::table::{Member, Part, Table};
-use super::{MEAN_BLOCK, Points, PointsParams};
-use crate::device_scene::DeviceScene;
+use super::table::{Block, Member, Table};
+use super::{MEAN_BLOCK, Points, PointsParams, Reach};
+use crate::device_scene::Context;
 use crate::error::Result;
-use crate::gpu::counter::CounterBuffer;
+use crate::gpu::run::{Bytes, Stage};
 use crate::gpu::scan::Scanner;
 use crate::gpu::work::{WorkList, fill};
 use crate::gpu::{GROUP, Gpu};
-use crate::photon::{Batch, PhotonMap};
+use crate::photon::{Batch, PhotonMap, SlotMarks};
 use crate::split::Split;
 
 /// Points that are where they were.
@@ -43,17 +43,18 @@ fn count(entering: &[Entering]) -> u32 {
 
 impl Points {
     /// The points of a table as they are now: those that are kept, with the light that they have
-    /// now, and the others; or all anew where that is cheaper. `all` may have other light.
+    /// now, and the others; or all anew where that is cheaper.
     pub(super) fn refreshed(
         &mut self,
-        gpu: &Gpu,
-        scene: &DeviceScene,
+        cx: Context,
         map: &PhotonMap,
-        (mut table, all): (Table, bool),
-        (split, counters): (&Split, &CounterBuffer),
+        mut table: Table,
+        reach: Reach,
+        split: &Split,
     ) -> Result<Table> {
+        let gpu = cx.gpu;
         if !table.members.iter().any(|member| member.moves(map)) {
-            let moved = self.refresh(gpu, (scene, map), (&table, None), (all, counters))?;
+            let moved = self.refresh(cx, map, &table, None, reach)?;
             self.moved.push(moved);
             return Ok(table);
         }
@@ -72,12 +73,11 @@ impl Points {
             let lists = entering.iter_mut().map(|of| &mut of.list);
             WorkList::learn(gpu, &mut lists.collect::<Vec<_>>())?;
         } else if !is_first {
-            let before = (&table, Some(&kept.list));
-            let moved = self.refresh(gpu, (scene, map), before, (all, counters))?;
+            let moved = self.refresh(cx, map, &table, Some(&kept.list), reach)?;
             self.moved.push(moved);
         }
         self.elsewhere += if is_first { 0 } else { u64::from(new) };
-        let new = self.entered(gpu, scene, &entering, counters)?;
+        let new = self.entered(cx, &entering)?;
         self.moved.push(Moved::came(&new));
         let part = self.merged(gpu, &table, &kept, &new)?;
         self.built += u64::from(new.count) * if self.even { 2 } else { 1 };
@@ -92,18 +92,15 @@ impl Points {
         let count = table.part.count;
         let kept = Kept::none(gpu, count)?;
         // Of batches that are gone, all.
-        let moved = slot_bits(gpu, table)?;
+        let marks = slot_marks(gpu, table)?;
         if table.members.iter().any(|member| member.batch(map).is_none()) {
-            fill(gpu, "points_keep", &moved, &[u32::MAX])?;
+            fill(gpu, "points_keep", &marks, &[u32::MAX])?;
         }
         let mut stage = gpu.stage("points_keep");
-        for member in &table.members {
-            let Some(Batch { moved: own, .. }) = member.batch(map) else { continue };
-            stage.copy((own, 0..own.size() / 2), member.bits(&moved));
-        }
+        copy_marks(&mut stage, map, table, &marks);
         let bindings = [
-            ("moved", (&moved).into()),
-            ("slots", (&table.part.slots).into()),
+            ("slot_marks", (&marks).into()),
+            ("origins", (&table.part.origins).into()),
             ("marks", (&kept.list.marks).into()),
         ];
         let words = u64::from((count + 1).div_ceil(32));
@@ -128,7 +125,7 @@ impl Points {
             let list = WorkList::new(gpu, slots)?;
             let bindings = [
                 ("states", (&batch.states).into()),
-                ("moved", (&batch.moved).into()),
+                ("slot_marks", (&batch.slot_marks).into()),
                 ("marks", (&list.marks).into()),
             ];
             let params = PointsParams { all: (!member.entered).into(), ..self.params(slots) };
@@ -141,20 +138,14 @@ impl Points {
     }
 
     /// The points of the slots that enter, batch by batch.
-    fn entered(
-        &self,
-        gpu: &Gpu,
-        scene: &DeviceScene,
-        entering: &[Entering],
-        counters: &CounterBuffer,
-    ) -> Result<Part> {
+    fn entered(&self, cx: Context, entering: &[Entering]) -> Result<Block> {
+        let Context { gpu, scene, counters } = cx;
         let all = count(entering);
-        let part = Part::new(gpu, all, self.extras())?;
+        let part = Block::new(gpu, all, self.has_histories())?;
         let none = &self.none;
         let mut bindings = [scene.bindings(), part.bindings()].concat();
         bindings.extend([
-            ("kept", (&none.slots).into()),
-            ("seen_lights", (&none.lights).into()),
+            ("kept", (&none.lights).into()),
             ("changed", (&none.keys).into()),
             ("counters", counters.buffer().into()),
         ]);
@@ -185,14 +176,16 @@ impl Points {
         Ok(part)
     }
 
-    /// Gives the points of a table the light that they have now: those that are kept, or all.
+    /// Gives the points of a table the light that they have now: those that are `kept`, or all.
     fn refresh(
         &self,
-        gpu: &Gpu,
-        (scene, map): (&DeviceScene, &PhotonMap),
-        (table, kept): (&Table, Option<&WorkList>),
-        (all, counters): (bool, &CounterBuffer),
+        cx: Context,
+        map: &PhotonMap,
+        table: &Table,
+        kept: Option<&WorkList>,
+        reach: Reach,
     ) -> Result<Moved> {
+        let Context { gpu, scene, counters } = cx;
         let part = &table.part;
         let count = part.count;
         let params = PointsParams { all: kept.is_none().into(), ..self.params(count) };
@@ -200,29 +193,26 @@ impl Points {
         let changed = WorkList::new(gpu, count)?;
         let mut bindings = [scene.bindings(), part.bindings()].concat();
         bindings.extend([
-            ("kept", kept.map_or(&self.none.slots, |kept| &kept.marks).into()),
-            ("seen_lights", (&seen).into()),
+            ("kept", kept.map_or(&self.none.keys, |kept| &kept.marks).into()),
             ("changed", (&changed.marks).into()),
             ("counters", counters.buffer().into()),
         ]);
         let mut stage = gpu.stage("points_record");
         changed.unmark(&mut stage);
+        stage.copy(Bytes::all(&part.lights), &seen, 0);
         if self.even && params.changed != [0, 0] {
             stage.dispatch(&self.mean, mean_threads(count), &bindings, &params)?;
         }
-        let is_relit = |member: &Member| member.batch(map).is_some_and(|batch| batch.any_relit);
-        if table.members.iter().any(is_relit) {
-            let bits = slot_bits(gpu, table)?;
-            for member in &table.members {
-                let Some(Batch { moved: own, .. }) = member.batch(map) else { continue };
-                stage.copy((own, own.size() / 2..own.size()), member.bits(&bits));
-            }
-            let own = [bindings.as_slice(), &[("relit", (&bits).into())]].concat();
+        let alters = |member: &Member| member.batch(map).is_some_and(|batch| batch.any_altered);
+        if table.members.iter().any(alters) {
+            let marks = slot_marks(gpu, table)?;
+            copy_marks(&mut stage, map, table, &marks);
+            let own = [bindings.as_slice(), &[("slot_marks", (&marks).into())]].concat();
             stage.dispatch(&self.query, count.into(), &own, &params)?;
         }
         for member in &table.members {
             let batch = member.batch(map);
-            if !all && batch.is_some_and(|batch| !batch.stale) {
+            if reach == Reach::StaleBatches && batch.is_some_and(|batch| !batch.stale) {
                 continue;
             }
             // Of a batch that is gone no point is kept, and no state is asked for.
@@ -232,25 +222,25 @@ impl Points {
             stage.dispatch(&self.record, count.div_ceil(32).into(), &own, &params)?;
         }
         stage.finish()?;
-        Ok(Moved::some(part, &seen, changed))
+        Ok(Moved::some(part, seen, changed))
     }
 
     /// Points of a table that are kept and new ones; where buckets begin is found anew.
-    fn merged(&self, gpu: &Gpu, table: &Table, kept: &Kept, new: &Part) -> Result<Part> {
+    fn merged(&self, gpu: &Gpu, table: &Table, kept: &Kept, new: &Block) -> Result<Block> {
         let Table { part: before, starts, .. } = table;
         let begins = self.params.buckets + 1;
         let added = gpu.buffer::<u32>("points added", begins as usize)?;
         let mut stage = gpu.stage("points_merge");
         stage.clear(&added);
         let bindings = [
-            ("work", (&new.slots).into()),
+            ("work", (&new.keys).into()),
             ("keys", (&new.keys).into()),
             ("starts", (&added).into()),
         ];
-        let params = PointsParams { all: 1, ..self.params(new.count) };
+        let params = PointsParams { all: 1, lights_each: 1, ..self.params(new.count) };
         stage.dispatch(&self.tally, params.count.into(), &bindings, &params)?;
         Scanner::new(gpu, begins)?.record(&mut stage, &added, begins)?;
-        let part = Part::new(gpu, kept.list.count + new.count, self.extras())?;
+        let part = Block::new(gpu, kept.list.count + new.count, self.has_histories())?;
         let kept = [
             ("kept", (&kept.list.marks).into()),
             ("ranks", (&kept.ranks).into()),
@@ -278,9 +268,18 @@ impl Points {
     }
 }
 
-/// Room for a bit for each slot of a table.
-fn slot_bits(gpu: &Gpu, table: &Table) -> Result<wgpu::Buffer> {
-    gpu.buffer::<u32>("slot bits", table.slots().div_ceil(32) as usize)
+/// Room for the slot marks of all members of a table.
+fn slot_marks(gpu: &Gpu, table: &Table) -> Result<wgpu::Buffer> {
+    gpu.buffer::<SlotMarks>("slot marks", table.slots().div_ceil(32) as usize)
+}
+
+/// Copies there what is marked in the batches that there are.
+fn copy_marks(stage: &mut Stage, map: &PhotonMap, table: &Table, marks: &wgpu::Buffer) {
+    for member in &table.members {
+        if let Some(batch) = member.batch(map) {
+            stage.copy(Bytes::all(&batch.slot_marks), marks, member.marks_at());
+        }
+    }
 }
 
 /// Whether to take all points anew rather than those that moved, and merge them with those that

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::PointsParams;
+use super::{Origin, PointsParams};
 use crate::error::Result;
 use crate::field::Run;
 use crate::gpu::Gpu;
@@ -10,32 +10,29 @@ use crate::gpu::run::Bindings;
 use crate::photon::{Batch, PhotonMap};
 
 /// Points, and what updates need to know of them.
-pub(super) struct Part {
+pub(super) struct Block {
     pub count: u32,
     /// The index of each one's cell.
     pub keys: wgpu::Buffer,
     pub places: wgpu::Buffer,
     pub lights: wgpu::Buffer,
-    /// The slot of each, among those of all members of its table.
-    pub slots: wgpu::Buffer,
-    /// The mean extinction around each, 1/mm, where `even` divides by it.
-    pub means: wgpu::Buffer,
+    /// The [`Origin`] of each.
+    pub origins: wgpu::Buffer,
     /// The historygram of the values that each mean is of, where updates are to come.
     pub mean_histories: wgpu::Buffer,
 }
 
-impl Part {
-    /// Room for so many points, that have means and histories of those, or not.
-    pub fn new(gpu: &Gpu, count: u32, [means, histories]: [bool; 2]) -> Result<Self> {
+impl Block {
+    /// Room for so many points, that have histories of their means, or not.
+    pub fn new(gpu: &Gpu, count: u32, has_histories: bool) -> Result<Self> {
         let room = |is_wanted| if is_wanted { count as usize } else { 0 };
         Ok(Self {
             count,
             keys: gpu.buffer::<u32>("points keys", room(true))?,
             places: gpu.buffer::<[u32; 4]>("point places", room(true))?,
             lights: gpu.buffer::<[f32; 4]>("point lights", room(true))?,
-            slots: gpu.buffer::<u32>("points slots", room(true))?,
-            means: gpu.buffer::<f32>("point means", room(means))?,
-            mean_histories: gpu.buffer::<[u32; 2]>("mean histories", room(means && histories))?,
+            origins: gpu.buffer::<Origin>("point origins", room(true))?,
+            mean_histories: gpu.buffer::<[u32; 2]>("mean histories", room(has_histories))?,
         })
     }
 
@@ -44,8 +41,7 @@ impl Part {
             ("keys", (&self.keys).into()),
             ("point_places", (&self.places).into()),
             ("point_lights", (&self.lights).into()),
-            ("slots", (&self.slots).into()),
-            ("means", (&self.means).into()),
+            ("origins", (&self.origins).into()),
             ("mean_histories", (&self.mean_histories).into()),
         ]
     }
@@ -56,39 +52,58 @@ impl Part {
             ("seen_keys", (&self.keys).into()),
             ("seen_places", (&self.places).into()),
             ("seen_lights", (&self.lights).into()),
-            ("seen_slots", (&self.slots).into()),
-            ("seen_means", (&self.means).into()),
+            ("seen_origins", (&self.origins).into()),
             ("seen_histories", (&self.mean_histories).into()),
         ]
     }
 
     fn bytes(&self) -> u64 {
         let places = [&self.keys, &self.places, &self.lights];
-        let origins = [&self.slots, &self.means, &self.mean_histories];
-        [places, origins].as_flattened().iter().map(|buffer| buffer.size()).sum()
+        let origins = [&self.origins, &self.mean_histories];
+        places.iter().chain(&origins).map(|buffer| buffer.size()).sum()
     }
 }
 
-/// What a gather is told: places, lights, where buckets begin, and the grid.
-pub(super) fn run(count: u32, [places, lights, starts, field]: [&wgpu::Buffer; 4]) -> Run<'_> {
-    let bindings = vec![
-        ("field", field.into()),
-        ("point_places", places.into()),
-        ("point_lights", lights.into()),
-        ("starts", starts.into()),
-    ];
-    Run { bindings, points: count }
+/// Points in the buckets of their cells, as a gather reads them.
+pub(super) struct Bucketed<'a> {
+    pub count: u32,
+    pub places: &'a wgpu::Buffer,
+    pub lights: &'a wgpu::Buffer,
+    /// Where buckets begin.
+    pub starts: &'a wgpu::Buffer,
 }
 
-/// Light and first photon.
-fn key(batch: &Batch) -> (u32, u32) {
-    (batch.light_id, batch.first_index)
+impl<'a> Bucketed<'a> {
+    /// With what gathers are told of the grid.
+    pub fn run(self, field: &'a wgpu::Buffer) -> Run<'a> {
+        let bindings = vec![
+            ("field", field.into()),
+            ("point_places", self.places.into()),
+            ("point_lights", self.lights.into()),
+            ("starts", self.starts.into()),
+        ];
+        Run { bindings, points: self.count }
+    }
+}
+
+/// Which batch it is, whatever becomes of it.
+#[derive(Clone, Copy, PartialEq, Eq)]
+struct BatchKey {
+    light_id: u32,
+    first_index: u32,
+    photons: u32,
+}
+
+impl BatchKey {
+    fn of(batch: &Batch) -> Self {
+        let Batch { light_id, first_index, photons, .. } = *batch;
+        Self { light_id, first_index, photons }
+    }
 }
 
 /// A photon batch whose points a table has.
 pub(super) struct Member {
-    key: (u32, u32),
-    photons: u32,
+    key: BatchKey,
     /// Its slots, empty ones included, among those of the table; they begin with a word of marks.
     pub slots: Range<u32>,
     /// Its points are in the table.
@@ -97,7 +112,7 @@ pub(super) struct Member {
 
 impl Member {
     fn is(&self, batch: &Batch) -> bool {
-        (self.key, self.photons) == (key(batch), batch.photons)
+        self.key == BatchKey::of(batch)
     }
 
     /// Its batch, unless that is gone.
@@ -110,9 +125,10 @@ impl Member {
         !self.entered || self.batch(map).is_none_or(|batch| batch.any_moved)
     }
 
-    /// Where its slots begin, of so many bits.
-    pub fn bits<'a>(&self, bits: &'a wgpu::Buffer) -> (&'a wgpu::Buffer, u64) {
-        (bits, u64::from(self.slots.start / 8))
+    /// Where its slot marks begin among those of the table, bytes.
+    pub fn marks_at(&self) -> u64 {
+        // Two words for 32 slots.
+        u64::from(self.slots.start / 4)
     }
 
     /// Where its slots are, for kernels.
@@ -125,7 +141,7 @@ impl Member {
 pub(super) struct Table {
     /// In the order of their slots.
     pub members: Vec<Member>,
-    pub part: Part,
+    pub part: Block,
     /// Where each bucket begins, and the last ends; then which rows around each cell have points.
     pub starts: wgpu::Buffer,
 }
@@ -159,8 +175,8 @@ impl Table {
         let fits = begin.checked_add(slots).is_some_and(|end| end <= most);
         if fits {
             let slots = begin..begin + slots;
-            let (key, photons) = (key(batch), batch.photons);
-            self.members.insert(at, Member { key, photons, slots, entered: false });
+            let key = BatchKey::of(batch);
+            self.members.insert(at, Member { key, slots, entered: false });
         }
         fits
     }
@@ -171,7 +187,8 @@ impl Table {
     }
 
     pub fn run<'a>(&'a self, field: &'a wgpu::Buffer) -> Run<'a> {
-        run(self.part.count, [&self.part.places, &self.part.lights, &self.starts, field])
+        let Block { count, places, lights, .. } = &self.part;
+        Bucketed { count: *count, places, lights, starts: &self.starts }.run(field)
     }
 
     pub fn bytes(&self) -> u64 {
