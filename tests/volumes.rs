@@ -171,22 +171,22 @@ fn nrrd_that_is_refused() {
         ("uint8", "uint8\ntype: uint8", &["line 4", "`type` again", "line 3"]),
         ("uint8", "uint16\nendian: little", &["truncated", "120 bytes"]),
         ("dimension: 3", "dimension: 4", &["line 4", "dimension 4"]),
-        ("5 4 3", "5 4", &["line 5", "three"]),
-        ("5 4 3", "5 4 3 1", &["line 5", "three"]),
+        ("dimension: 3", "dimension: 2", &["line 4", "dimension 2"]),
+        ("5 4 3", "5 4", &["line 5", "3 are needed"]),
+        ("5 4 3", "5 4 3 1", &["line 5", "3 are needed"]),
         ("5 4 3", "5 -4 3", &["line 5", "-4", "positive"]),
         ("5 4 3", "5 0 3", &["5 x 0 x 3", "no side may be 0"]),
         ("5 4 3", "5 4 3000", &["3D texture", "2048"]),
         ("5 4 3", "5 4 99999999999", &["line 5", "99999999999"]),
         ("5 4 3", "2048 2048 2048", &["truncated", "8589934592 bytes"]),
         ("5 4 3", "5 4 4", &["truncated", "80 bytes", "60"]),
-        ("5 4 3", "5 4 2", &["surplus", "40 bytes"]),
         ("raw", "ascii", &["line 7", "ascii", "raw and gzip"]),
         ("raw", "bzip2", &["bzip2"]),
         ("raw", "raw\ndata file: a.raw", &["line 8", "a.raw", "another file"]),
         ("raw", "raw\nbyte skip: 4", &["line 8", "byte skip"]),
         ("raw", "raw\nspace: scanner-xyz", &["line 8", "scanner-xyz"]),
         ("raw", "raw\nkinds: RGB-color space space", &["line 8", "RGB-color", "scalar"]),
-        ("raw", "raw\nspace units: \"m\" \"m\" \"m\"", &["line 8", "units of m"]),
+        ("raw", "raw\nspace units: \"ell\" \"mm\" \"mm\"", &["line 8", "units of ell"]),
         ("raw", "raw\nspace origin: (1,2)", &["line 8", "2 numbers"]),
         ("raw", "raw\nspace origin: (1,nan,2)", &["origin", "finite"]),
         ("spacings: 1 1 1", "spacings: 1 0 1", &["spacing", "positive"]),
@@ -206,19 +206,16 @@ fn nrrd_that_is_refused() {
     let mut flipped = whole.clone();
     let crc = flipped.len() - 8;
     flipped[crc] ^= 1;
-    let bomb = gzip(&vec![7; 50_000_000]);
-    let raws: [(&str, Vec<u8>, &str); 11] = [
+    let raws: [(&str, Vec<u8>, &str); 9] = [
         ("empty", Vec::new(), "not an NRRD file"),
         ("magic", b"NRRD0009\n\n".to_vec(), "not an NRRD file"),
         ("endless header", b"NRRD0004\ntype: uint8\n".to_vec(), "does not end"),
         ("no field", nrrd_header("nonsense"), "line 3: `nonsense`"),
         ("raw, short", file(good, &data[1..]), "there are 59"),
-        ("raw, long", file(good, &[7; COUNT + 1]), "surplus"),
         ("gzip, cut", file(&packed, &whole[..whole.len() - 9]), "damaged data"),
         ("gzip, changed", file(&packed, &flipped), "damaged data"),
         ("gzip, none", file(&packed, &data), "damaged data"),
         ("gzip, short", file(&packed, &gzip(&data[2..])), "there are 58"),
-        ("gzip, long", file(&packed, &bomb), "surplus"),
     ];
     for (what, bytes, says) in raws {
         let error = folder.refusal("a.nrrd", &bytes);
@@ -231,7 +228,7 @@ fn nifti_that_is_refused() {
     type Spoil = fn(&mut Nifti);
     let folder = Folder::new();
     let data = [7u8; COUNT];
-    let spoils: [(&str, Spoil, &str); 26] = [
+    let spoils: [(&str, Spoil, &str); 25] = [
         ("magic", |h| h.bytes[344] = b'x', "does not end in `n+1`"),
         ("detached", |h| h.bytes[345] = b'i', ".img"),
         ("size of header", |h| _ = h.i32(0, 349), "sizeof_hdr"),
@@ -253,7 +250,6 @@ fn nifti_that_is_refused() {
         ("NaN offset", |h| _ = h.f32(108, f32::NAN), "vox_offset NaN"),
         ("data behind the end", |h| _ = h.f32(108, 1e9), "vox_offset"),
         ("longer than the file", |h| _ = h.i16(46, 4), "truncated"),
-        ("shorter than the file", |h| _ = h.i16(46, 2), "surplus"),
         ("no spacing", |h| _ = h.f32(80, 0.0), "spacing"),
         (
             "negative spacing in a qform",
@@ -281,16 +277,17 @@ fn nifti_that_is_refused() {
     let mut second = file.clone();
     second[..4].copy_from_slice(&540i32.to_le_bytes());
     second[4..8].copy_from_slice(b"n+2\0");
-    second[344..348].fill(0);
+    second.resize(600, 0);
     for (name, bytes, says) in [
         ("a.nii", &file[..200], "not a whole NIfTI-1 header"),
         ("a.nii", &file[..400], "truncated"),
-        ("a.nii", &second, "NIfTI-2"),
+        ("a.nii", &second[..500], "not a whole NIfTI-2 header of 540 bytes"),
+        ("a.nii", &second, "not a NIfTI-2 file"),
         ("a.nii.gz", &packed[..packed.len() - 9], "damaged data"),
         ("a.nii.gz", &gzip(&file[..400]), "truncated"),
         ("a.nii.gz", &gzip(b"no volume"), "not a whole NIfTI-1 header"),
-        ("a.tif", b"II*\0", "NRRD (.nrrd) and NIfTI-1 (.nii, .nii.gz)"),
-        ("empty", b"", "NRRD (.nrrd) and NIfTI-1"),
+        ("a.txt", b"text", "NRRD (.nrrd) and NIfTI (.nii, .nii.gz)"),
+        ("empty", b"", "NRRD (.nrrd) and NIfTI"),
     ] {
         let error = folder.refusal(name, bytes);
         assert!(error.contains(says), "{name}: `{error}` does not say `{says}`");
