@@ -13,6 +13,7 @@ use photogram::film::Image;
 use photogram::volume::{Volume, load};
 use place::Place;
 
+#[allow(dead_code)]
 #[path = "volumes/files.rs"]
 mod files;
 #[allow(dead_code)]

@@ -87,6 +87,42 @@ fn units_and_flat_data() {
 }
 
 #[test]
+fn what_threads_share_is_what_one_finds() {
+    // More than one share of a histogram.
+    let size = [101, 97, 89];
+    let count = size.iter().product::<u32>() as usize;
+    let value = |n: usize| (n * 7919 % 10_007) as i32 - 5000;
+    let new = |values: Values| {
+        Volume::new(size, DVec3::ONE, DMat3::IDENTITY, DVec3::ZERO, values).unwrap()
+    };
+    for volume in [
+        new((0..count).map(value).collect::<Vec<_>>().into()),
+        new((0..count).map(|n| value(n) as f32 * 0.5).collect::<Vec<_>>().into()),
+    ] {
+        let mut plain = vec![0u64; 37];
+        let mut range = [f64::INFINITY, f64::NEG_INFINITY];
+        for at in 0..count as u32 {
+            let [i, j, k] = [at % 101, at / 101 % 97, at / 101 / 97];
+            plain[((volume.unit(i, j, k) * 37.0) as usize).min(36)] += 1;
+            let value = volume.value(i, j, k);
+            range = [range[0].min(value), range[1].max(value)];
+        }
+        assert_eq!(volume.histogram(37), plain);
+        assert_eq!(volume.range(), range);
+    }
+    // The first bad voxel is the first, whoever finds it.
+    let mut floats = vec![0.0f32; count];
+    floats[3 * 101 + 5..].fill(f32::NAN);
+    let bad = Volume::new(size, DVec3::ONE, DMat3::IDENTITY, DVec3::ZERO, floats).unwrap_err();
+    assert!(bad.to_string().contains("the first at voxel [5, 3, 0]"), "{bad}");
+    // A zero has no sign, whichever comes first.
+    for zeros in [vec![0.0f32, -0.0], vec![-0.0, 0.0]] {
+        let flat = Volume::new([2, 1, 1], DVec3::ONE, DMat3::IDENTITY, DVec3::ZERO, zeros).unwrap();
+        assert_eq!(flat.range().map(f64::to_bits), [0; 2]);
+    }
+}
+
+#[test]
 fn grids_that_are_refused() {
     let (one, turn) = (DVec3::ONE, DMat3::IDENTITY);
     let sheared = DMat3::from_cols(DVec3::X, DVec3::new(0.1, 1.0, 0.0).normalize(), DVec3::Z);
