@@ -328,6 +328,7 @@ fn a_reader_of_json_may_stop_early() {
         .arg("info")
         .arg(place.path("scan.nrrd"))
         .args(["--json", "-"])
+        .current_dir(place.path(""))
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()

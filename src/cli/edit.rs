@@ -22,11 +22,9 @@ pub fn run_edit(adapter: &AdapterChoice, args: &EditArgs) -> Result<()> {
     let format = args.out.as_deref().map(Format::of).transpose()?;
     let is_fresh = args.verify.as_deref() == Some("fresh");
     if let Some(path) = args.scene.volume.as_deref().filter(|_| is_fresh) {
-        // A file that is not there is complained of by its reader.
-        let can_be_read_again =
-            !files::is_standard(path) && path.metadata().is_ok_and(|found| found.is_file());
+        let is_pipe = path.metadata().is_ok_and(|found| !found.is_file() && !found.is_dir());
         ensure!(
-            can_be_read_again || !files::is_standard(path) && !path.exists(),
+            !files::is_standard(path) && !is_pipe,
             "{}: another process cannot read this once more: leave `fresh` out, or save the volume \
              as a file",
             path.display()
