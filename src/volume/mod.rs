@@ -284,6 +284,7 @@ fn read(source: &mut open::Source) -> Found<Volume> {
         ends.iter().any(|end| plain.ends_with(end))
     };
     let start = source.peek(foreign::START);
+    let is_empty = start.is_empty();
     if start.starts_with(b"NRRD") {
         nrrd::parse(source)
     } else if nifti::starts(start) {
@@ -296,6 +297,8 @@ fn read(source: &mut open::Source) -> Found<Volume> {
         nrrd::parse(source)
     } else if named(&[".nii", ".hdr"]) {
         nifti::parse(source)
+    } else if is_empty {
+        Err("empty: not a byte is in it; get it again".into())
     } else {
         Err("not a volume that is read here: NRRD (.nrrd) and NIfTI (.nii, .nii.gz) are; \
              convert it to one of them"
