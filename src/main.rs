@@ -30,7 +30,7 @@ enum Command {
         /// Where the pictures go
         #[arg(long, default_value = "out/demo")]
         out: PathBuf,
-        /// Writes the figures there
+        /// Writes the figures there; `-` is standard output
         #[arg(long)]
         json: Option<PathBuf>,
     },
@@ -42,13 +42,13 @@ enum Command {
     Bench(BenchArgs),
     /// Describes a volume, or lists the adapters
     Info {
-        /// .nrrd, .nii or .nii.gz
+        /// .nrrd, .nii or .nii.gz; `-` is standard input
         #[arg(required_unless_present = "adapters", conflicts_with = "adapters")]
         volume: Option<PathBuf>,
         /// Lists the adapters of this machine with the limits that matter
         #[arg(long)]
         adapters: bool,
-        /// Writes the same as JSON there
+        /// Writes the same as JSON there; `-` is standard output
         #[arg(long)]
         json: Option<PathBuf>,
     },
@@ -56,7 +56,7 @@ enum Command {
     Phantom {
         /// cornell, hand, engine, torso or kidneys
         name: String,
-        /// Output file, .nrrd
+        /// Output file, .nrrd; `-` is standard output
         #[arg(short, long)]
         out: PathBuf,
         /// Voxels along the longest edge
@@ -115,7 +115,7 @@ struct BenchArgs {
     /// Where CSV, JSON and SVG files go
     #[arg(long, default_value = "out/bench")]
     out: PathBuf,
-    /// Writes the JSON there too
+    /// Writes the JSON there too; `-` is standard output
     #[arg(long)]
     json: Option<PathBuf>,
 }
@@ -140,7 +140,7 @@ enum What {
 struct SceneArgs {
     /// Scene file, .toml
     scene: PathBuf,
-    /// Puts another volume in the scene
+    /// Puts another volume in the scene; `-` is standard input
     #[arg(long)]
     volume: Option<PathBuf>,
     /// small, medium or full: shrinks photons, pixels and phantoms together
@@ -175,7 +175,7 @@ struct SceneArgs {
     /// Stops of exposure added to the scene's
     #[arg(long, allow_negative_numbers = true)]
     exposure: Option<f64>,
-    /// Writes adapter, times, counts and bytes there
+    /// Writes adapter, times, counts and bytes there; `-` is standard output
     #[arg(long)]
     json: Option<PathBuf>,
 }
@@ -242,11 +242,22 @@ impl SceneArgs {
 }
 
 /// The scene of a command, its settings overridden and settled, with its volume; `more` overrides
-/// what other commands have no word for.
-fn prepare(args: &SceneArgs, more: impl FnOnce(&mut Settings)) -> Result<(Scene, Volume)> {
+/// what other commands have no word for. Nothing that is read may be `written`.
+fn prepare(
+    args: &SceneArgs,
+    written: &[Option<&Path>],
+    more: impl FnOnce(&mut Settings),
+) -> Result<(Scene, Volume)> {
+    cli::check_places(written, &args.read())?;
     let mut scene = Scene::load(&args.scene)?;
+    // Nor the volume that is named there, whether another takes its place or not.
+    if let VolumeSource::File(path) = &scene.volume {
+        cli::check_unread(written, &[Some(path)])?;
+    }
     if let Some(path) = &args.volume {
-        scene.volume = VolumeSource::File(std::path::absolute(path)?);
+        let is_standard = photogram::files::is_standard(path);
+        let path = if is_standard { path.clone() } else { std::path::absolute(path)? };
+        scene.volume = VolumeSource::File(path);
     }
     if let Some(scale) = args.scale {
         scene.scale(scale);
@@ -267,6 +278,7 @@ fn prepare(args: &SceneArgs, more: impl FnOnce(&mut Settings)) -> Result<(Scene,
     scene.film.exposure += args.exposure.unwrap_or(0.0);
     scene.check()?;
     let volume = scene.volume.load()?;
+    cli::warn_of(&volume);
     scene.settle(&volume);
     Ok((scene, volume))
 }

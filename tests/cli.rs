@@ -51,7 +51,6 @@ fn bad_volumes() -> Vec<(&'static str, Vec<u8>, &'static str)> {
         ("data-cut.nrrd", whole[..whole.len() - 30].to_vec(), "damaged data after"),
         ("flipped.nrrd", flipped, "damaged data after"),
         ("short.nrrd", raw(&floats(|v| v.truncate(50))), "truncated: 5 x 4 x 3 voxels"),
-        ("long.nrrd", raw(&floats(|v| v.push(0.0))), "the header disagrees with the data"),
         ("zero.nrrd", header("sizes: 5 0 3\nspacings: 1 1 1"), "size 5 x 0 x 3: no side may be 0"),
         ("negative.nrrd", header("sizes: 5 -4 3\nspacings: 1 1 1"), "size -4: invalid digit"),
         ("huge.nrrd", header("sizes: 5 4 4000000000\nspacings: 1 1 1"), "at most 2048 voxels"),
@@ -72,7 +71,6 @@ fn bad_volumes() -> Vec<(&'static str, Vec<u8>, &'static str)> {
         ("data-cut.nii", nifti_whole[..500].to_vec(), "truncated: 5 x 4 x 3 voxels"),
         ("data-cut.nii.gz", packed[..packed.len() - 30].to_vec(), "damaged data"),
         ("flipped.nii.gz", packed_flipped, "damaged data"),
-        ("long.nii", nifti().with(&floats(|v| v.push(0.0))), "the header disagrees with the data"),
         ("zero.nii", nifti().i16(44, 0).with(&[]), "three are needed, all positive"),
         ("negative.nii", nifti().i16(42, -5).with(&[]), "three are needed, all positive"),
         ("bits.nii", nifti().i16(72, 16).with(&floats(|_| {})), "bitpix 16 disagrees"),
@@ -249,14 +247,17 @@ fn outputs_that_cannot_be_written() {
     let json = render("image.exr", &["--json", "volume.nrrd/x.json"]);
     says(&json, &["volume.nrrd/x.json: cannot write"]);
     for (out, json) in [("image.exr", "./image.exr"), ("new/image.exr", "new/image.exr")] {
-        says(&render(out, &["--json", json]), &[json, "is read or written already"]);
+        says(&render(out, &["--json", json]), &[json, "is written already"]);
     }
     says(
         &render("image.exr", &["--json", "scene.toml"]),
-        &["scene.toml is read or written already"],
+        &["scene.toml would be written over scene.toml, which is read"],
     );
     let args = ["info", "volume.nrrd", "--json", "./volume.nrrd"];
-    says(&place.refused(&args), &["volume.nrrd is read or written already"]);
+    says(
+        &place.refused(&args),
+        &["./volume.nrrd would be written over volume.nrrd, which is read"],
+    );
     // The system's reason is said once.
     assert_eq!(file.matches("Not a directory").count(), 1, "{file}");
     for args in [

@@ -2,6 +2,7 @@
 
 use anyhow::{Result, ensure};
 use comfy_table::{Table, presets};
+use photogram::files;
 use photogram::gpu::AdapterChoice;
 use photogram::measure::{self, Effort, Sheet};
 use serde_json::Value;
@@ -10,13 +11,19 @@ use super::{align_right, check_places, make_folder, say, with_progress, write_js
 use crate::{BenchArgs, What};
 
 pub fn run_bench(adapter: &AdapterChoice, args: &BenchArgs) -> Result<()> {
-    check_places(
-        &[
-            Some(&args.out.join(format!("{:?}.json", args.what).to_lowercase())),
-            args.json.as_deref(),
-        ],
-        &[],
-    )?;
+    let own = args.out.join(format!("{:?}.json", args.what).to_lowercase());
+    check_places(&[Some(&own), args.json.as_deref()], &[])?;
+    if let Some(json) = args.json.as_deref().map(files::place_of) {
+        // Sheets and charts have names of their own, which their measurements give them.
+        let is_sheet = json.extension().is_some_and(|end| end == "csv" || end == "svg");
+        let beside = json.parent() == files::place_of(&own).parent();
+        ensure!(
+            !(is_sheet && beside),
+            "{}: .csv and .svg files in {} are written already: name another file",
+            json.display(),
+            args.out.display()
+        );
+    }
     let gpu = photogram::open(adapter)?;
     let effort = Effort { scale: args.scale, runs: args.runs.into() };
     let report = with_progress(|progress| match args.what {

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use anyhow::{Result, anyhow, ensure};
 use comfy_table::{Table, presets};
+use photogram::files;
 use photogram::film::{self, Format};
 use photogram::gpu::{AdapterChoice, Gpu};
 use photogram::measure::demo;
@@ -19,14 +20,23 @@ use crate::{EditArgs, prepare};
 pub fn run_edit(adapter: &AdapterChoice, args: &EditArgs) -> Result<()> {
     let json = args.scene.json.as_deref();
     let format = args.out.as_deref().map(Format::of).transpose()?;
-    check_places(&[args.out.as_deref(), json], &args.scene.read())?;
-    let (scene, volume) = prepare(&args.scene, |settings| settings.rays = 1)?;
+    let is_fresh = args.verify.as_deref() == Some("fresh");
+    if let Some(path) = args.scene.volume.as_deref().filter(|_| is_fresh) {
+        let is_pipe = path.metadata().is_ok_and(|found| !found.is_file() && !found.is_dir());
+        ensure!(
+            !files::is_standard(path) && !is_pipe,
+            "{}: another process cannot read this once more: leave `fresh` out, or save the volume \
+             as a file",
+            path.display()
+        );
+    }
+    let written = [args.out.as_deref(), json];
+    let (scene, volume) = prepare(&args.scene, &written, |settings| settings.rays = 1)?;
     ensure!(
         scene.settings.method == Method::PhotonMap,
         "edits are updates of the photon map: `method` is another in the scene"
     );
     ensure!(scene.settings.history, "updates ask histories: `history` is false in the scene");
-    let is_fresh = args.verify.as_deref() == Some("fresh");
     ensure!(
         !is_fresh || scene.settings.spatial != Spatial::Off,
         "spatial = \"off\" leaves stale light, and another process would not: leave `fresh` out"
@@ -189,15 +199,17 @@ fn edit_json(gpu: &Gpu, name: &str, m: &Measured) -> serde_json::Value {
 }
 
 pub fn run_demo(adapter: &AdapterChoice, out: &Path, json: Option<&Path>) -> Result<()> {
-    check_places(&[Some(&out.join("before.png")), json], &[])?;
+    let pictures: Vec<_> =
+        demo::names()?.iter().map(|name| out.join(format!("{name}.png"))).collect();
+    let written: Vec<_> = pictures.iter().map(|path| Some(path.as_path())).chain([json]).collect();
+    check_places(&written, &[])?;
     let gpu = photogram::open(adapter)?;
     say(format_args!("adapter: {} ({})", gpu.report().name, gpu.report().kind))?;
     let shots = with_progress(|progress| demo::run(&gpu, progress))?;
-    for shot in &shots {
-        let path = out.join(format!("{}.png", shot.name));
+    for (shot, path) in shots.iter().zip(&pictures) {
         let notes = notes(&shot.scene, &gpu.report().name, shot.photons);
-        make_folder(&path)?;
-        shot.image.write(&path, shot.scene.film, &notes)?;
+        make_folder(path)?;
+        shot.image.write(path, shot.scene.film, &notes)?;
         say(path.display())?;
     }
     let edits = shots.iter().filter_map(|s| Some((s.name.as_str(), s.measured.as_ref()?)));

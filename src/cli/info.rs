@@ -7,7 +7,7 @@ use comfy_table::{Table, presets};
 use photogram::gpu;
 use photogram::volume::{self, Volume};
 
-use super::{say, write_json};
+use super::{say, warn_of, write_json};
 
 pub fn list_adapters(json: Option<&Path>) -> Result<()> {
     let adapters = gpu::adapters()?;
@@ -47,6 +47,7 @@ pub fn dimensions(volume: &Volume) -> String {
 
 pub fn describe(path: &Path, json: Option<&Path>) -> Result<()> {
     let volume = volume::load(path)?;
+    warn_of(&volume);
     let [low, high] = volume.range();
     say(format_args!("{}: {}, {}", path.display(), dimensions(&volume), volume.voxels().name()))?;
     say(format_args!("origin {:.3} mm (left, posterior, superior)", volume.origin()))?;
@@ -72,6 +73,7 @@ pub fn describe(path: &Path, json: Option<&Path>) -> Result<()> {
                 "stored_as": volume.voxels().name(),
                 "range": volume.range(),
                 "histogram": counts,
+                "warnings": volume.warnings(),
             }),
         )
     })

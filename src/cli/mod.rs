@@ -7,6 +7,7 @@ pub mod render;
 
 use std::io::{ErrorKind, IsTerminal, Write as _};
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Result, ensure};
 use comfy_table::{CellAlignment, Table};
@@ -14,6 +15,10 @@ use photogram::files;
 use photogram::film::Notes;
 use photogram::gpu::Progress;
 use photogram::scene::{Method, Scene};
+use photogram::volume::Volume;
+
+/// Whether an output has standard output for itself: people are then told on standard error.
+static STDOUT_TAKEN: AtomicBool = AtomicBool::new(false);
 
 pub fn align_right(table: &mut Table) {
     for column in table.column_iter_mut().skip(1) {
@@ -32,15 +37,49 @@ pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<()> {
 /// Refuses, before the work, output paths that it could not be written to after it: two at one
 /// place, or over a file that is read, among them.
 pub fn check_places(written: &[Option<&Path>], read: &[Option<&Path>]) -> Result<()> {
-    let mut taken: Vec<_> = read.iter().flatten().map(|path| files::place_of(path)).collect();
-    for path in written.iter().flatten() {
+    check_unread(written, read)?;
+    let written: Vec<_> = written.iter().flatten().collect();
+    for (i, path) in written.iter().enumerate() {
         files::check_writable(path)?;
-        let place = files::place_of(path);
-        let what = path.display();
-        ensure!(!taken.contains(&place), "{what} is read or written already: name another file");
-        taken.push(place);
+        let (what, place) = (path.display(), files::place_of(path));
+        for other in &written[..i] {
+            let (one, there) = (other.display(), files::place_of(other));
+            ensure!(
+                !files::is_same(path, other),
+                "{what} is written already, as {one}: name another file"
+            );
+            ensure!(
+                place == there || !place.starts_with(&there) && !there.starts_with(&place),
+                "{what} and {one} cannot both be: one is the other's folder; name another file"
+            );
+        }
+        if files::is_stdout(path) {
+            STDOUT_TAKEN.store(true, Ordering::Relaxed);
+        }
     }
     Ok(())
+}
+
+/// Refuses output paths that lead to what is read, by whatever name.
+pub fn check_unread(written: &[Option<&Path>], read: &[Option<&Path>]) -> Result<()> {
+    for written in written.iter().flatten() {
+        for read in read.iter().flatten() {
+            let (out, from) = (written.display(), read.display());
+            ensure!(
+                !files::is_read(written, read),
+                "{out} would be written over {from}, which is read: name another file"
+            );
+        }
+    }
+    Ok(())
+}
+
+/// Tells what was odd about a volume's file.
+pub fn warn_of(volume: &Volume) {
+    for warning in volume.warnings() {
+        // Without standard error there is nobody to tell.
+        let _ = writeln!(std::io::stderr(), "warning: {warning}");
+    }
 }
 
 /// What was clamped: light that a sum has no room for, and extinction. A line each, of `whom`.
@@ -77,7 +116,9 @@ pub fn notes(scene: &Scene, adapter: &str, photons: u64) -> Notes {
 }
 
 pub fn make_folder(file: &Path) -> Result<()> {
-    let folder = file.parent().unwrap_or(Path::new(""));
+    // The folder of what a link leads to, if it is one.
+    let place = files::place_of(file);
+    let folder = place.parent().unwrap_or(Path::new("/"));
     Ok(std::fs::create_dir_all(folder).map_err(|e| failed(folder, "make", e))?)
 }
 
@@ -85,8 +126,14 @@ pub fn failed(path: &Path, action: &'static str, source: std::io::Error) -> phot
     photogram::Error::Io { path: path.into(), action, source }
 }
 
-/// Prints to standard output; a reader that has heard enough is no error.
+/// Prints to standard output, or to standard error where an output has that for itself; a reader
+/// that has heard enough is no error.
 pub fn say(text: impl std::fmt::Display) -> Result<()> {
+    if STDOUT_TAKEN.load(Ordering::Relaxed) {
+        // Nobody may listen there, which does not matter to the output.
+        let _ = writeln!(std::io::stderr(), "{text}");
+        return Ok(());
+    }
     match writeln!(std::io::stdout(), "{text}") {
         Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
         said => Ok(said.map_err(|e| failed(Path::new("standard output"), "write", e))?),

@@ -9,16 +9,14 @@ use photogram::gpu::AdapterChoice;
 use photogram::render::{Rendered, render};
 use photogram::split::Split;
 
-use super::{
-    align_right, check_places, make_folder, notes, say, warnings, with_progress, write_json,
-};
+use super::{align_right, make_folder, notes, say, warnings, with_progress, write_json};
 use crate::{RenderArgs, prepare};
 
 pub fn run_render(adapter: &AdapterChoice, args: &RenderArgs) -> Result<()> {
     let format = Format::of(&args.out)?;
     let json = args.scene.json.as_deref();
-    check_places(&[Some(&args.out), json], &args.scene.read())?;
-    let (mut scene, volume) = prepare(&args.scene, |settings| {
+    let written = [Some(args.out.as_path()), json];
+    let (mut scene, volume) = prepare(&args.scene, &written, |settings| {
         settings.method = args.method.unwrap_or(settings.method);
         settings.rays = args.rays.unwrap_or(settings.rays);
         settings.samples = args.samples.unwrap_or(settings.samples);

@@ -23,12 +23,25 @@ pub struct Shot {
     pub measured: Option<Measured>,
 }
 
+/// The names of the pictures, in order.
+///
+/// # Errors
+/// None: the scene is a part of the program.
+pub fn names() -> Result<Vec<String>> {
+    let edits = scene()?.edits.into_iter().map(|edit| edit.name);
+    Ok(["before".to_owned()].into_iter().chain(edits).collect())
+}
+
+fn scene() -> Result<Scene> {
+    Scene::parse(include_str!("../../data/scenes/hand.toml"), "hand.toml")
+}
+
 /// Renders the hand, and applies each of its edits.
 ///
 /// # Errors
 /// The device failed.
 pub fn run(gpu: &Gpu, progress: &mut Progress) -> Result<Vec<Shot>> {
-    let mut scene = Scene::parse(include_str!("../../data/scenes/hand.toml"), "hand.toml")?;
+    let mut scene = scene()?;
     // A small picture of a finer phantom: a minute on two cores without a GPU is the limit.
     scene.scale(Scale::Small);
     scene.volume = VolumeSource::Phantom { phantom: Phantom::Hand, size: 128 };

@@ -4,8 +4,6 @@
 //! them at their own precision. Indices are (i, j, k), i fastest in memory.
 
 use std::borrow::Cow;
-use std::fs::File;
-use std::io::Read;
 use std::path::Path;
 
 use glam::{DAffine3, DMat3, DVec3};
@@ -14,8 +12,10 @@ use rayon::prelude::*;
 use crate::error::{Error, Result};
 
 pub mod cells;
-pub mod nifti;
+mod foreign;
+mod nifti;
 pub mod nrrd;
+mod open;
 pub mod phantom;
 pub mod texture;
 mod values;
@@ -84,6 +84,7 @@ pub struct Volume {
     voxels: Voxels,
     range: [f64; 2],
     step: f64,
+    warnings: Vec<String>,
 }
 
 impl Volume {
@@ -132,7 +133,7 @@ impl Volume {
         }
         let axes = orthonormal(axes)?;
         let values::Stored { voxels, range, step } = values.store(size)?;
-        Ok(Self { size, spacing, axes, origin, voxels, range, step })
+        Ok(Self { size, spacing, axes, origin, voxels, range, step, warnings: Vec::new() })
     }
 
     /// Voxels along i, j, k.
@@ -168,6 +169,12 @@ impl Volume {
     /// Least and greatest physical value.
     pub fn range(&self) -> [f64; 2] {
         self.range
+    }
+
+    /// What was odd about the file that it was read from, a sentence each, with the file's name:
+    /// to be told to whoever asked for it.
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
     }
 
     /// The stored voxels.
@@ -254,13 +261,18 @@ impl Volume {
 
     /// How many voxels lie in each of `bins` equal parts of the range.
     pub fn histogram(&self, bins: usize) -> Vec<u64> {
+        // Shares large enough that a histogram each costs nothing.
+        const SHARE: usize = 1 << 18;
         let span = (self.range[1] - self.range[0]) / self.step;
         let per_number = if span > 0.0 { (bins as f64 / span) as f32 } else { 0.0 };
-        let mut counts = vec![0; bins];
-        for at in 0..self.size.iter().map(|&n| n as usize).product() {
+        let none = || vec![0; bins];
+        let count = |mut counts: Vec<u64>, at| {
             counts[((self.given(at) * per_number) as usize).min(bins - 1)] += 1;
-        }
-        counts
+            counts
+        };
+        let sum = |a: Vec<u64>, b: Vec<u64>| a.iter().zip(&b).map(|(a, b)| a + b).collect();
+        let total: usize = self.size.iter().map(|&n| n as usize).product();
+        (0..total).into_par_iter().with_min_len(SHARE).fold(none, count).reduce(none, sum)
     }
 
     /// The rigid map from the world to mm along i, j, k from [`Self::corner`];
@@ -271,28 +283,51 @@ impl Volume {
     }
 }
 
-/// Reads a volume: NRRD (`.nrrd`) or NIfTI-1 (`.nii`, `.nii.gz`), told by its
-/// first bytes, by its ending where these say nothing.
+/// Reads a volume: NRRD (`.nrrd`) or NIfTI (`.nii`), either in gzip too, told by its first
+/// bytes, by its ending where these say nothing. It may come from a pipe; `-` is standard input.
+///
+/// What was odd about the file, but did not keep it from being read, is in
+/// [`Volume::warnings`].
 ///
 /// # Errors
 /// [`Error::Io`] where the file cannot be read, [`Error::Volume`] where it is
 /// damaged, unsupported, or refused by [`Volume::new`].
 pub fn load(path: impl AsRef<Path>) -> Result<Volume> {
-    let path = path.as_ref();
-    let mut start = Vec::new();
-    File::open(path)
-        .and_then(|file| file.take(4).read_to_end(&mut start))
-        .map_err(|source| Error::Io { path: path.into(), action: "read", source })?;
-    let name = path.file_name().map(|n| n.to_string_lossy().to_lowercase()).unwrap_or_default();
-    if start.starts_with(b"NRRD") || name.ends_with(".nrrd") {
-        nrrd::read(path)
-    } else if nifti::starts(&start) || name.ends_with(".nii") || name.ends_with(".nii.gz") {
-        nifti::read(path)
+    let mut source = open::Source::open(path.as_ref())?;
+    let read = read(&mut source);
+    let open::Source { path, warnings, .. } = source;
+    let mut volume = read.map_err(|what| Error::volume(&path, what))?;
+    volume.warnings = warnings.iter().map(|w| format!("{}: {w}", path.display())).collect();
+    Ok(volume)
+}
+
+fn read(source: &mut open::Source) -> Found<Volume> {
+    let name = source.path.file_name().map(|n| n.to_string_lossy().to_lowercase());
+    let name = name.unwrap_or_default();
+    let named = |ends: &[&str]| {
+        let plain = name.strip_suffix(".gz").unwrap_or(&name);
+        ends.iter().any(|end| plain.ends_with(end))
+    };
+    let start = source.peek(foreign::START);
+    let is_empty = start.is_empty();
+    if start.starts_with(b"NRRD") {
+        nrrd::parse(source)
+    } else if nifti::starts(start) {
+        nifti::parse(source)
+    } else if let Some(what) = foreign::name(start) {
+        Err(what)
+    } else if named(&[".img"]) {
+        Err(foreign::pair(&source.path, "the voxels of an ANALYZE or NIfTI pair, by its name"))
+    } else if named(&[".nrrd"]) {
+        nrrd::parse(source)
+    } else if named(&[".nii", ".hdr"]) {
+        nifti::parse(source)
+    } else if is_empty {
+        Err("empty: not a byte is in it; get it again".into())
     } else {
-        Err(Error::volume(
-            path,
-            "not a volume that is read here: NRRD (.nrrd) and NIfTI-1 (.nii, .nii.gz) are; convert it to one of them",
-        ))
+        Err("not a volume that is read here: NRRD (.nrrd) and NIfTI (.nii, .nii.gz) are; \
+             convert it to one of them"
+            .into())
     }
 }
 
@@ -343,44 +378,6 @@ fn spacing_and_axes(directions: DMat3) -> (DVec3, DMat3) {
 
 /// What a reader found wrong in a file, before the path is added.
 type Found<T> = std::result::Result<T, String>;
-
-/// Reads what is left, which must be `count` elements of `kind` and not a byte
-/// more. `length` is the file's own, of which `packed` says that it is deflated.
-fn read_elements(
-    mut from: impl Read,
-    kind: Kind,
-    size: [u32; 3],
-    big_endian: bool,
-    packed: bool,
-    length: u64,
-) -> Found<Elements> {
-    // Deflate shrinks by 1032 at most: what cannot be there is not waited for,
-    // and no header makes this allocate beyond its file.
-    const DEFLATE: u64 = 1032;
-    let count = voxel_count(size).map_err(|e| e.to_string())?;
-    let wanted = count * kind.bytes() as u64;
-    let need = format!("{} voxels of {} bytes need {wanted} bytes", by(size), kind.bytes());
-    if length.saturating_mul(if packed { DEFLATE } else { 1 }) < wanted {
-        return Err(format!("truncated: {need}, and the whole file has {length}; get it again"));
-    }
-    let mut bytes = Vec::new();
-    usize::try_from(wanted + 1)
-        .map_err(|e| e.to_string())
-        .and_then(|n| bytes.try_reserve_exact(n).map_err(|e| e.to_string()))
-        .map_err(|e| {
-            format!("{need}, more than there is memory for ({e}); crop or resample the volume")
-        })?;
-    from.by_ref().take(wanted + 1).read_to_end(&mut bytes).map_err(|e| {
-        format!("damaged data after {} bytes ({e}); {need}; get it again", bytes.len())
-    })?;
-    match bytes.len() as u64 {
-        n if n < wanted => Err(format!("truncated: {need}, and there are {n}; get it again")),
-        n if n > wanted => Err(format!(
-            "surplus data: {need}, and there are more; the header disagrees with the data"
-        )),
-        _ => Ok(kind.decode(&bytes, big_endian)),
-    }
-}
 
 /// A size as people write it.
 fn by(size: [u32; 3]) -> String {

@@ -1,21 +1,21 @@
-//! NRRD: attached data, three dimensions, raw or gzip, every scalar type.
+//! NRRD: attached data, raw or gzip, every scalar type, three axes in space and others of size 1.
 //!
 //! A text header of `field: value` lines, an empty line, the data. World
 //! positions come from `space`, `space directions` and `space origin`; without
 //! `space` the world is taken to be left-posterior-superior, without an origin
-//! voxel 0 lies at 0.
+//! voxel 0 lies at 0, without units lengths are millimetres.
 
 use std::collections::HashMap;
 use std::fs::File;
-use std::io::{self, BufRead, BufReader, BufWriter, Read, Write};
+use std::io::{self, BufRead, BufWriter, Read, Write};
 use std::path::Path;
 
 use flate2::Compression;
-use flate2::bufread::MultiGzDecoder;
 use flate2::write::GzEncoder;
 use glam::{DMat3, DVec3};
 
-use super::{Found, Kind, Volume, Voxels, read_elements, spacing_and_axes};
+use super::open::Source;
+use super::{Found, Kind, Volume, Voxels, spacing_and_axes};
 use crate::error::{Error, Result};
 use crate::files::write_whole;
 
@@ -50,20 +50,35 @@ const TYPES: [(Kind, &[&str]); 10] = [
     (Kind::F64, &["double"]),
 ];
 
-/// Reads an NRRD file.
-///
-/// # Errors
-/// [`Error::Io`] where it cannot be read, [`Error::Volume`] where it is damaged,
-/// unsupported, or refused by [`Volume::new`].
-pub fn read(path: &Path) -> Result<Volume> {
-    let io = |source| Error::Io { path: path.into(), action: "read", source };
-    let file = File::open(path).map_err(io)?;
-    let length = file.metadata().map_err(io)?.len();
-    parse(BufReader::new(file), length).map_err(|what| Error::volume(path, what))
-}
+/// Units of length, in mm, by their names in lower case. Nameless ones are mm in practice.
+const UNITS: [(f64, &[&str]); 5] = [
+    (1.0, &["mm", "millimeter", "millimeters", "millimetre", "millimetres", "", "???", "none"]),
+    (10.0, &["cm", "centimeter", "centimeters", "centimetre", "centimetres"]),
+    (1e3, &["m", "meter", "meters", "metre", "metres"]),
+    (
+        1e-3,
+        &[
+            "um",
+            // The micro sign, and the Greek letter.
+            "\u{b5}m",
+            "\u{3bc}m",
+            "micron",
+            "microns",
+            "micrometer",
+            "micrometers",
+            "micrometre",
+            "micrometres",
+        ],
+    ),
+    (1e-6, &["nm", "nanometer", "nanometers", "nanometre", "nanometres"]),
+];
 
-fn parse(mut from: impl BufRead, length: u64) -> Found<Volume> {
-    let header = Header::read(&mut from)?;
+/// Kinds of axes that lie in space; `none` and `???` say nothing.
+const SPATIAL: [&str; 4] = ["domain", "space", "none", "???"];
+
+/// Reads a volume up to its last voxel.
+pub(super) fn parse(source: &mut Source) -> Found<Volume> {
+    let header = Header::read(source)?;
     if let Some((line, file)) = header.find("data file").or(header.find("datafile")) {
         return Err(format!(
             "line {line}: the data lie in another file ({file}); detached headers are not read: \
@@ -79,21 +94,8 @@ fn parse(mut from: impl BufRead, length: u64) -> Found<Volume> {
             ));
         }
     }
-    let (line, dimension) = header.need("dimension")?;
-    if dimension != "3" {
-        return Err(format!(
-            "line {line}: dimension {dimension}; only volumes of dimension 3 are read"
-        ));
-    }
-    if let Some((line, kinds)) = header.find("kinds")
-        && let Some(kind) = kinds
-            .split_whitespace()
-            .find(|k| !["domain", "space", "none", "???"].contains(&k.to_lowercase().as_str()))
-    {
-        return Err(format!("line {line}: an axis of kind {kind}; only scalar volumes are read"));
-    }
     let kind = header.kind()?;
-    let size = header.size()?;
+    let axes = header.axes()?;
     let (line, encoding) = header.need("encoding")?;
     let packed = match encoding.to_lowercase().as_str() {
         "raw" => false,
@@ -114,13 +116,13 @@ fn parse(mut from: impl BufRead, length: u64) -> Found<Volume> {
             return Err(format!("line {line}: endian {endian}; it is little or big"));
         }
     };
-    let (spacing, axes, origin) = header.frame()?;
-    let elements = if packed {
-        read_elements(MultiGzDecoder::new(from), kind, size, big_endian, true, length)?
-    } else {
-        read_elements(from, kind, size, big_endian, false, length)?
-    };
-    Volume::new(size, spacing, axes, origin, elements).map_err(|e| e.to_string())
+    let (spacing, directions, origin) = header.frame(&axes)?;
+    if packed {
+        source.gunzip();
+    }
+    let size = axes.space.map(|axis| axes.sizes[axis]);
+    let elements = source.elements(kind, size, big_endian)?;
+    Volume::new(size, spacing, directions, origin, elements).map_err(|e| e.to_string())
 }
 
 /// Fields by lower-case name, each with its line, counted from 1.
@@ -187,21 +189,108 @@ impl Header {
             })
     }
 
-    fn size(&self) -> Found<[u32; 3]> {
+    /// The axes, and which of them lie in space. Others must have a size of 1.
+    fn axes(&self) -> Found<Axes> {
+        let (dimension_line, dimension) = self.need("dimension")?;
+        let count = dimension.parse().unwrap_or(0);
+        // NRRD has 16 at most.
+        if !(3..=16).contains(&count) {
+            return Err(format!(
+                "line {dimension_line}: dimension {dimension}; a volume has 3, or more of which the \
+                 others have a size of 1"
+            ));
+        }
         let (line, text) = self.need("sizes")?;
-        let sizes: Vec<u32> = text
-            .split_whitespace()
-            .map(|n| {
-                n.parse().map_err(|e| {
-                    format!("line {line}: size {n}: {e}; sizes are whole and positive")
-                })
-            })
-            .collect::<Found<_>>()?;
-        sizes.try_into().map_err(|_| format!("line {line}: sizes {text}: three are needed"))
+        let size = |n: &str| {
+            n.parse::<u32>()
+                .map_err(|e| format!("line {line}: size {n}: {e}; sizes are whole and positive"))
+        };
+        let sizes = text.split_whitespace().map(size).collect::<Found<Vec<_>>>()?;
+        if sizes.len() != count {
+            return Err(format!(
+                "line {line}: sizes {text}: {count} are needed, as of dimension {count} on line \
+                 {dimension_line}"
+            ));
+        }
+        let kinds: Vec<_> = self.find("kinds").map_or("", |(_, k)| k).split_whitespace().collect();
+        let kind_of = |axis: usize| kinds.get(axis).copied().unwrap_or("???");
+        let directions = self.directions(count)?;
+        let spacings = self.spacings(count)?;
+        let in_space = |&axis: &usize| {
+            SPATIAL.contains(&kind_of(axis).to_lowercase().as_str())
+                && directions.as_ref().is_none_or(|d| d[axis].is_some())
+                && spacings.as_ref().is_none_or(|s| !s[axis].is_nan())
+        };
+        let (mut space, mut others): (Vec<_>, Vec<_>) = (0..count).partition(in_space);
+        // Where nothing tells them apart, those of size 1 are left out, from the last on.
+        while space.len() > 3
+            && let Some(one) = space.iter().rposition(|&axis| sizes[axis] == 1)
+        {
+            others.push(space.remove(one));
+        }
+        let space = match <[usize; 3]>::try_from(space) {
+            Ok(space) if others.iter().all(|&axis| sizes[axis] == 1) => space,
+            Ok(_) => {
+                let axis = others.into_iter().find(|&axis| sizes[axis] != 1).unwrap_or(0);
+                return Err(self.many(axis, sizes[axis], kind_of(axis)));
+            }
+            Err(space) if space.len() > 3 => {
+                let axis = (0..count).min_by_key(|&axis| sizes[axis]).unwrap_or(0);
+                return Err(self.many(axis, sizes[axis], kind_of(axis)));
+            }
+            Err(_) => {
+                let axis = others[0];
+                if let Some((line, text)) = self.find("spacings")
+                    && spacings.is_some_and(|s| s[axis].is_nan())
+                {
+                    return Err(format!(
+                        "line {line}: spacings {text}: unknown ones cannot be placed; write mm"
+                    ));
+                }
+                let what = self.many(axis, sizes[axis], kind_of(axis));
+                return Err(format!("{what}; fewer than 3 axes lie in space, which need (x,y,z)"));
+            }
+        };
+        Ok(Axes { sizes, space, directions, spacings })
+    }
+
+    /// What to do about an axis that is none of a volume's.
+    fn many(&self, axis: usize, size: u32, kind: &str) -> String {
+        let fields = ["kinds", "space directions", "spacings", "sizes"];
+        let line = fields.into_iter().find_map(|f| self.find(f)).map_or(0, |(line, _)| line);
+        let series = ["list", "time", "???", "none", "domain", "space"];
+        let (what, remedy) = match series.contains(&kind.to_lowercase().as_str()) {
+            true => ("several volumes in one file", ""),
+            false => ("several numbers for each voxel", "; their mean: `unu project -m mean`"),
+        };
+        format!(
+            "line {line}: axis {axis} of kind {kind} has a size of {size}: {what}, and one scalar \
+             volume is read; take one of them (teem: `unu slice -a {axis} -p 0 -i IN.nrrd -o \
+             OUT.nrrd`{remedy})"
+        )
+    }
+
+    /// The vector of each axis, none for those that do not lie in space.
+    fn directions(&self, count: usize) -> Found<Option<Vec<Option<DVec3>>>> {
+        let Some((line, text)) = self.find("space directions") else { return Ok(None) };
+        let all = vectors(line, text)?;
+        match all.len() == count {
+            true => Ok(Some(all)),
+            false => Err(format!("line {line}: `{text}` is not {count} of (x,y,z)")),
+        }
+    }
+
+    fn spacings(&self, count: usize) -> Found<Option<Vec<f64>>> {
+        let Some((line, text)) = self.find("spacings") else { return Ok(None) };
+        let all = numbers(line, text.split_whitespace())?;
+        match all.len() == count {
+            true => Ok(Some(all)),
+            false => Err(format!("line {line}: {} numbers where {count} are needed", all.len())),
+        }
     }
 
     /// Spacing, axes and origin in millimetres, left-posterior-superior.
-    fn frame(&self) -> Found<(DVec3, DMat3, DVec3)> {
+    fn frame(&self, axes: &Axes) -> Found<(DVec3, DMat3, DVec3)> {
         let to_lps = DMat3::from_diagonal(match self.find("space") {
             None => DVec3::ONE,
             Some((line, space)) => match space.to_lowercase().as_str() {
@@ -221,41 +310,74 @@ impl Header {
         {
             return Err(format!("line {line}: space dimension {space}; it must be 3"));
         }
-        if let Some((line, units)) = self.find("space units").or(self.find("units"))
-            && let Some(unit) =
-                units.split('"').skip(1).step_by(2).find(|u| !["mm", "", "???"].contains(u))
-        {
-            return Err(format!(
-                "line {line}: units of {unit}; only mm are read: convert the spacing"
-            ));
-        }
-        let directions = if let Some((line, text)) = self.find("space directions") {
-            let [i, j, k] = vectors(line, text)?;
+        let directions = if let Some(all) = &axes.directions {
+            let [i, j, k] = axes.space.map(|axis| all[axis].unwrap_or(DVec3::NAN));
             DMat3::from_cols(i, j, k)
-        } else if let Some((line, text)) = self.find("spacings") {
-            let spacings = numbers(line, &text.split_whitespace().collect::<Vec<_>>())?;
-            if spacings.is_nan() {
-                return Err(format!(
-                    "line {line}: spacings {text}: unknown ones cannot be placed; write mm"
-                ));
-            }
-            DMat3::from_diagonal(spacings)
+        } else if let Some(all) = &axes.spacings {
+            DMat3::from_diagonal(axes.space.map(|axis| all[axis]).into())
         } else {
             return Err("the header has neither `space directions` nor `spacings`: how large a voxel is, is \
                         unknown; add `spacings: x y z` in mm"
                 .into());
         };
         let origin = match self.find("space origin") {
-            Some((line, text)) => {
-                let [origin] = vectors(line, text)?;
-                origin
-            }
+            Some((line, text)) => match vectors(line, text)?[..] {
+                [Some(origin)] => origin,
+                _ => return Err(format!("line {line}: `{text}` is not one (x,y,z)")),
+            },
             None => DVec3::ZERO,
         };
+        // Units are of the world's axes: with `spacings`, these are the volume's.
+        let to_lps = to_lps * DMat3::from_diagonal(self.units(axes)?);
         // Signs of spacings go to the axes, as those of directions do.
         let (spacing, axes) = spacing_and_axes(to_lps * directions);
         Ok((spacing, axes, to_lps * origin))
     }
+
+    /// Millimetres in the unit of each axis of the world.
+    fn units(&self, axes: &Axes) -> Found<DVec3> {
+        let (line, text, of_world) = match (self.find("space units"), self.find("units")) {
+            (Some((line, text)), _) => (line, text, true),
+            (None, Some((line, text))) => (line, text, false),
+            (None, None) => return Ok(DVec3::ONE),
+        };
+        let scale = |name: &String| {
+            let plain = name.trim().to_lowercase();
+            let found = UNITS.iter().find(|(_, names)| names.contains(&plain.as_str()));
+            found.map(|(mm, _)| *mm).ok_or_else(|| {
+                format!(
+                    "line {line}: units of {name}; mm, cm, m, um and nm are read: convert the spacing \
+                     and the origin to mm, or correct the unit"
+                )
+            })
+        };
+        let names = words(text);
+        let count = axes.sizes.len();
+        // An axis that does not lie in space may have any unit.
+        let heard: Vec<_> = match of_world || names.len() != count {
+            true => names.iter().collect(),
+            false => axes.space.iter().map(|&axis| &names[axis]).collect(),
+        };
+        let all = heard.into_iter().map(scale).collect::<Found<Vec<_>>>()?;
+        match all[..] {
+            [first, ..] if all.iter().all(|&mm| mm == first) => Ok(DVec3::splat(first)),
+            [x, y, z] if of_world || axes.directions.is_none() => Ok(DVec3::new(x, y, z)),
+            [_, _, _] => Err(format!(
+                "line {line}: units {text}: they differ, and `space directions` mix the axes; \
+                 convert the directions and the origin to mm"
+            )),
+            _ => Err(format!("line {line}: units {text}: one is needed for each axis")),
+        }
+    }
+}
+
+/// The axes of the data, fastest first.
+struct Axes {
+    sizes: Vec<u32>,
+    /// Those that lie in space.
+    space: [usize; 3],
+    directions: Option<Vec<Option<DVec3>>>,
+    spacings: Option<Vec<f64>>,
 }
 
 /// Header lines without their ends.
@@ -272,38 +394,58 @@ impl<R: BufRead> Lines<R> {
         if line.pop() != Some(b'\n') {
             return Ok(None);
         }
-        Ok(Some(String::from_utf8_lossy(&line).trim_end_matches('\r').to_string()))
+        // What is not UTF-8 is Latin-1, whose bytes are the first characters of Unicode.
+        let line = String::from_utf8(line)
+            .unwrap_or_else(|e| e.into_bytes().into_iter().map(char::from).collect());
+        Ok(Some(line.trim_end_matches('\r').to_string()))
     }
 }
 
-/// `N` vectors as `(x,y,z) (x,y,z)`.
-fn vectors<const N: usize>(line: usize, text: &str) -> Found<[DVec3; N]> {
-    let wrong = || format!("line {line}: `{text}` is not {N} of (x,y,z)");
-    let (body, rest) = text.rsplit_once(')').ok_or_else(wrong)?;
-    if !rest.trim().is_empty() {
-        return Err(wrong());
+/// Vectors as `(x,y,z) none (x,y,z)`.
+fn vectors(line: usize, text: &str) -> Found<Vec<Option<DVec3>>> {
+    let wrong = || format!("line {line}: `{text}` is not (x,y,z), or several");
+    let (mut all, mut rest) = (Vec::new(), text.trim());
+    while !rest.is_empty() {
+        if let Some(after) = rest.strip_prefix("none") {
+            all.push(None);
+            rest = after.trim_start();
+            continue;
+        }
+        let (inner, after) =
+            rest.strip_prefix('(').and_then(|r| r.split_once(')')).ok_or_else(wrong)?;
+        let values = numbers(line, inner.split(',').map(str::trim))?;
+        let vector = <[f64; 3]>::try_from(values)
+            .map_err(|v| format!("line {line}: {} numbers where three are needed", v.len()))?;
+        all.push(Some(vector.into()));
+        rest = after.trim_start();
     }
-    let each = |vector: &str| -> Found<DVec3> {
-        let inner = vector.trim().strip_prefix('(').ok_or_else(wrong)?;
-        numbers(line, &inner.split(',').map(str::trim).collect::<Vec<_>>())
-    };
-    body.split(')').map(each).collect::<Found<Vec<_>>>()?.try_into().map_err(|_| wrong())
+    Ok(all)
 }
 
-/// Three numbers.
-fn numbers(line: usize, texts: &[&str]) -> Found<DVec3> {
-    let each = |text: &&str| {
-        text.parse::<f64>().map_err(|_| format!("line {line}: `{text}` is not a number"))
-    };
-    let values: Vec<f64> = texts.iter().map(each).collect::<Found<_>>()?;
-    <[f64; 3]>::try_from(values)
-        .map(DVec3::from)
-        .map_err(|v| format!("line {line}: {} numbers where three are needed", v.len()))
+fn numbers<'a>(line: usize, texts: impl Iterator<Item = &'a str>) -> Found<Vec<f64>> {
+    let each =
+        |text: &str| text.parse().map_err(|_| format!("line {line}: `{text}` is not a number"));
+    texts.map(each).collect()
+}
+
+/// Words between blanks; what stands in quotes is one, or none, whatever is in it.
+fn words(text: &str) -> Vec<String> {
+    let mut all = Vec::new();
+    let mut rest = text.trim_start();
+    while !rest.is_empty() {
+        let (word, after) = match rest.strip_prefix('"') {
+            Some(quoted) => quoted.split_once('"').unwrap_or((quoted, "")),
+            None => rest.split_once(char::is_whitespace).unwrap_or((rest, "")),
+        };
+        all.push(word.to_owned());
+        rest = after.trim_start();
+    }
+    all
 }
 
 /// Writes a volume with gzip encoding. The file appears whole or not at all.
 ///
-/// Physical values are written: whole numbers as integers, which [`read`] stores
+/// Physical values are written: whole numbers as integers, which [`super::load`] stores
 /// as they are stored here; all else, a fractional slope among it, as `float`.
 ///
 /// # Errors

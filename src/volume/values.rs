@@ -2,6 +2,8 @@
 //! stored: as one of the three types that a kernel can read, exactly but for `f64` and integers
 //! of wide range, which single precision rounds.
 
+use rayon::prelude::*;
+
 use super::Voxels;
 use crate::error::{Error, Result};
 
@@ -32,7 +34,7 @@ macro_rules! elements {
                 match self { $(Self::$name => {
                     let (chunks, _) = bytes.as_chunks::<{ size_of::<$type>() }>();
                     let decode = if big_endian { <$type>::from_be_bytes } else { <$type>::from_le_bytes };
-                    Elements::$name(chunks.iter().map(|&c| decode(c)).collect())
+                    Elements::$name(chunks.par_iter().map(|&c| decode(c)).collect())
                 }),* }
             }
         }
@@ -112,16 +114,20 @@ struct Map {
 }
 
 impl Map {
-    fn integers<T: Copy + Ord + Into<i128>>(&self, data: Vec<T>, eight: bool) -> Result<Stored> {
-        let least: i128 = data.iter().min().map_or(0, |&x| x.into());
-        let greatest: i128 = data.iter().max().map_or(0, |&x| x.into());
+    fn integers<T: Copy + Ord + Into<i128> + Send + Sync>(
+        &self,
+        data: Vec<T>,
+        eight: bool,
+    ) -> Result<Stored> {
+        let least: i128 = data.par_iter().min().map_or(0, |&x| x.into());
+        let greatest: i128 = data.par_iter().max().map_or(0, |&x| x.into());
         let span = greatest - least;
         if span > i128::from(u16::MAX) {
             return self.floats(self.physical(&data, |x| x.into() as f64)?);
         }
         // Stored order is physical order: a negative slope counts down from the greatest.
         let (zero, sign) = if self.slope > 0.0 { (least, 1) } else { (greatest, -1) };
-        let rebased = data.iter().map(|&x| sign * (x.into() - zero));
+        let rebased = data.par_iter().map(|&x| sign * (x.into() - zero));
         let voxels = if eight {
             Voxels::U8(rebased.map(|x| x as u8).collect())
         } else {
@@ -138,31 +144,37 @@ impl Map {
     }
 
     /// Physical values in single precision, or what does not fit it.
-    fn physical<T: Copy>(&self, data: &[T], double: impl Fn(T) -> f64) -> Result<Vec<f32>> {
+    fn physical<T: Copy + Sync>(
+        &self,
+        data: &[T],
+        double: impl Fn(T) -> f64 + Sync,
+    ) -> Result<Vec<f32>> {
         let exact = |x: T| double(x) * self.slope + self.intercept;
         let fits = |x: T| (exact(x) as f32).is_finite() || !double(x).is_finite();
-        if let Some(at) = data.iter().position(|&x| !fits(x)) {
+        if let Some(at) = data.par_iter().position_first(|&x| !fits(x)) {
             return Err(Error::setting(format!(
                 "value {:e} at voxel {:?} is beyond single precision: scale the data down",
                 exact(data[at]),
                 self.voxel(at)
             )));
         }
-        Ok(data.iter().map(|&x| exact(x) as f32).collect())
+        Ok(data.par_iter().map(|&x| exact(x) as f32).collect())
     }
 
     fn floats(&self, data: Vec<f32>) -> Result<Stored> {
-        if let Some(at) = data.iter().position(|x| !x.is_finite()) {
-            let count = data.iter().filter(|x| !x.is_finite()).count();
+        if let Some(at) = data.par_iter().position_first(|x| !x.is_finite()) {
+            let count = data.par_iter().filter(|x| !x.is_finite()).count();
             return Err(Error::setting(format!(
                 "{count} of {} values are NaN or infinite, the first at voxel {:?}: replace them",
                 data.len(),
                 self.voxel(at)
             )));
         }
-        let fold =
-            |pick: fn(f32, f32) -> f32| data.iter().copied().reduce(pick).map_or(0.0, f64::from);
-        let range = [fold(f32::min), fold(f32::max)];
+        // Ordered in full, so that the sign of a zero does not hang on who looked first; and
+        // then without it.
+        let least = data.par_iter().copied().min_by(f32::total_cmp);
+        let greatest = data.par_iter().copied().max_by(f32::total_cmp);
+        let range = [least, greatest].map(|x| x.map_or(0.0, f64::from) + 0.0);
         let span = range[1] - range[0];
         // A kernel's numbers times their gain must not leave the normal ones.
         let normal = |x: f64| (x as f32).is_normal();
