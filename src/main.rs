@@ -5,12 +5,14 @@ mod cli;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::Result;
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use anyhow::{Result, ensure};
+use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use photogram::gpu::AdapterChoice;
 use photogram::scene::{Estimator, Method, Scale, Scene, Settings, VolumeSource, Weighting};
 use photogram::volume::phantom::Phantom;
 use photogram::volume::{self, Volume};
+
+use cli::changes::{self, Changes};
 
 /// Globally lit pictures of CT and MR volumes, by photon mapping on the GPU.
 #[derive(Parser)]
@@ -34,10 +36,18 @@ enum Command {
         #[arg(long)]
         json: Option<PathBuf>,
     },
-    /// Renders a scene to .exr (linear) or .png
+    /// Renders a scene or a scan to .exr (linear) or .png
     Render(Box<RenderArgs>),
-    /// Applies named edits in order, each as an update and as a full rebuild
+    /// Applies edits in order, each as an update and as a full rebuild
     Edit(Box<EditArgs>),
+    /// Writes the scene that a scan is rendered by, for editing
+    Scene {
+        /// A volume: .nrrd, .nii or .nii.gz
+        scan: PathBuf,
+        /// Output file, .toml
+        #[arg(short, long)]
+        out: PathBuf,
+    },
     /// Measures edits: the tables and figures of the Historygrams paper, and more
     Bench(BenchArgs),
     /// Describes a volume, or lists the adapters
@@ -69,9 +79,8 @@ enum Command {
 struct RenderArgs {
     #[command(flatten)]
     scene: SceneArgs,
-    /// Applies a named edit of the scene first; may be repeated
-    #[arg(long)]
-    edit: Vec<String>,
+    #[command(flatten)]
+    changes: Changes,
     /// photon-map, mcvr or reference
     #[arg(long)]
     method: Option<Method>,
@@ -87,12 +96,12 @@ struct RenderArgs {
 }
 
 #[derive(Args)]
+#[command(group(ArgGroup::new("changes").args(["edit", "set"]).required(true).multiple(true)))]
 struct EditArgs {
     #[command(flatten)]
     scene: SceneArgs,
-    /// A named edit of the scene; once for each
-    #[arg(long, required = true)]
-    edit: Vec<String>,
+    #[command(flatten)]
+    changes: Changes,
     /// The image after the last edit, one ray a pixel, .exr or .png
     #[arg(short, long)]
     out: Option<PathBuf>,
@@ -138,9 +147,9 @@ enum What {
 
 #[derive(Args)]
 struct SceneArgs {
-    /// Scene file, .toml
+    /// Scene file, .toml; or a volume, for which a scene is made
     scene: PathBuf,
-    /// Puts another volume in the scene
+    /// Puts another volume in the scene file's place
     #[arg(long)]
     volume: Option<PathBuf>,
     /// small, medium or full: shrinks photons, pixels and phantoms together
@@ -214,6 +223,7 @@ fn run(cli: &Cli) -> Result<()> {
         Command::Demo { out, json } => cli::edit::run_demo(&adapter, out, json.as_deref()),
         Command::Render(args) => cli::render::run_render(&adapter, args),
         Command::Edit(args) => cli::edit::run_edit(&adapter, args),
+        Command::Scene { scan, out } => cli::scene::run_scene(scan, out),
         Command::Bench(args) => cli::bench::run_bench(&adapter, args),
         Command::Info { volume, json, .. } => {
             cli::check_places(&[json.as_deref()], &[volume.as_deref()])?;
@@ -241,10 +251,32 @@ impl SceneArgs {
     }
 }
 
+/// What a command works on.
+struct Prepared {
+    /// Settled; what the command line sets is among its edits.
+    scene: Scene,
+    volume: Volume,
+    /// Names of the edits to make, in order.
+    edits: Vec<String>,
+    /// What a scan was taken for, where it was given no scene.
+    told: Option<String>,
+}
+
 /// The scene of a command, its settings overridden and settled, with its volume; `more` overrides
 /// what other commands have no word for.
-fn prepare(args: &SceneArgs, more: impl FnOnce(&mut Settings)) -> Result<(Scene, Volume)> {
-    let mut scene = Scene::load(&args.scene)?;
+fn prepare(
+    args: &SceneArgs,
+    changes: &Changes,
+    more: impl FnOnce(&mut Settings),
+) -> Result<Prepared> {
+    let (mut scene, scan, told) = if cli::scene::is_scene(&args.scene) {
+        (Scene::load(&args.scene)?, None, None)
+    } else {
+        ensure!(args.volume.is_none(), "--volume goes with a scene file: name one volume");
+        let made = cli::scene::make(&args.scene)?;
+        let told = made.told();
+        (made.scene, Some(made.volume), Some(told))
+    };
     if let Some(path) = &args.volume {
         scene.volume = VolumeSource::File(std::path::absolute(path)?);
     }
@@ -266,7 +298,8 @@ fn prepare(args: &SceneArgs, more: impl FnOnce(&mut Settings)) -> Result<(Scene,
     more(settings);
     scene.film.exposure += args.exposure.unwrap_or(0.0);
     scene.check()?;
-    let volume = scene.volume.load()?;
-    scene.settle(&volume);
-    Ok((scene, volume))
+    let edits = changes.add_to(&mut scene)?;
+    let volume = scan.map_or_else(|| scene.volume.load(), Ok)?;
+    changes::settle(&mut scene, &edits, &volume);
+    Ok(Prepared { scene, volume, edits, told })
 }

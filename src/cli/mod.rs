@@ -1,9 +1,11 @@
 //! What the commands print and write; the library does the work.
 
 pub mod bench;
+pub mod changes;
 pub mod edit;
 pub mod info;
 pub mod render;
+pub mod scene;
 
 use std::io::{ErrorKind, IsTerminal, Write as _};
 use std::path::Path;

@@ -11,18 +11,19 @@ use photogram::render::{Rendered, Split, render};
 use super::{
     align_right, check_places, make_folder, notes, say, warnings, with_progress, write_json,
 };
-use crate::{RenderArgs, prepare};
+use crate::{Prepared, RenderArgs, prepare};
 
 pub fn run_render(adapter: &AdapterChoice, args: &RenderArgs) -> Result<()> {
     let format = Format::of(&args.out)?;
     let json = args.scene.json.as_deref();
     check_places(&[Some(&args.out), json], &args.scene.read())?;
-    let (mut scene, volume) = prepare(&args.scene, |settings| {
+    let prepared = prepare(&args.scene, &args.changes, |settings| {
         settings.method = args.method.unwrap_or(settings.method);
         settings.rays = args.rays.unwrap_or(settings.rays);
         settings.samples = args.samples.unwrap_or(settings.samples);
     })?;
-    for edit in &args.edit {
+    let Prepared { mut scene, volume, edits, told } = prepared;
+    for edit in &edits {
         scene = scene.edited(edit)?;
     }
     scene.check_against(&volume)?;
@@ -38,6 +39,7 @@ pub fn run_render(adapter: &AdapterChoice, args: &RenderArgs) -> Result<()> {
         }
         _ => rendered.image.write(&args.out, scene.film, &notes)?,
     }
+    told.map_or(Ok(()), say)?;
     say(format_args!("{}{}", summary(&rendered), args.out.display()))?;
     json.map_or(Ok(()), |path| write_json(path, &rendered.report))
 }

@@ -13,6 +13,8 @@ mod check;
 mod edit;
 mod place;
 mod read;
+mod scan;
+mod set;
 mod source;
 mod toml_file;
 mod write;
@@ -26,6 +28,7 @@ use crate::volume::phantom::Phantom;
 
 pub use edit::{CameraChange, Changes, Edit, LightChange, MaterialChange};
 pub use read::preset;
+pub use scan::ScanKind;
 
 /// Everything a render needs.
 #[derive(Clone, Debug, PartialEq)]

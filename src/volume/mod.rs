@@ -16,6 +16,7 @@ pub mod cells;
 pub mod nifti;
 pub mod nrrd;
 pub mod phantom;
+mod statistics;
 pub mod texture;
 mod values;
 
