@@ -49,7 +49,7 @@ const OUTLIERS: f64 = 1e-4;
 const LEAST_SHARE: f64 = 2e-4;
 
 /// The same of lung, whose values are also those between any tissue and the air beside it.
-const LEAST_LUNG: f64 = 0.08;
+const LEAST_LUNG: f64 = 0.05;
 
 /// Mean free paths along an edge of the volume: what is seen through, and what has a surface.
 const THIN: f64 = 0.5;
@@ -174,7 +174,7 @@ fn lights() -> Vec<Light> {
         kind: LightKind::RectangleAround { from, distance: 3.0, size },
     };
     vec![
-        square(0, "key", 1.0, DVec3::splat(60.0), DVec3::new(-1.1, -1.0, 0.9), 1.2),
+        square(0, "key", 1.0, DVec3::splat(50.0), DVec3::new(-1.1, -1.0, 0.9), 1.2),
         square(1, "fill", 0.3, DVec3::new(8.0, 10.0, 14.0), DVec3::new(1.0, -0.8, 0.0), 1.5),
     ]
 }
@@ -192,6 +192,8 @@ fn is_hounsfield(volume: &Volume) -> bool {
         && ends[1] >= 200.0
         && count(LEAST, AIR) >= 0.01 * all
         && count(-200.0, 200.0) >= 0.01 * all
+        // In machine parts most is denser than bone.
+        && count(1500.0, f64::MAX) <= 0.2 * count(-500.0, f64::MAX)
 }
 
 /// Presets of CT by the names that they get here, with mean free paths along the edge.
@@ -273,6 +275,8 @@ impl Histogram {
     /// valley between.
     fn contrast(&self) -> Option<[f64; 2]> {
         const STEP: f64 = 25.0;
+        /// Steps to where the peak has fallen on both sides.
+        const AROUND: usize = 5;
         let count = |value: f64| {
             let near = |(v, _): &&(f64, f64)| (v - value).abs() < STEP;
             // Weights fall to both sides: one voxel more or less moves no peak.
@@ -283,14 +287,17 @@ impl Histogram {
             .map(|value| (value, count(value)))
             .collect();
         let mut best: Option<(usize, f64)> = None;
-        let mut valley = f64::INFINITY;
-        for (at, &(value, n)) in counts.iter().enumerate() {
-            let is_peak = n >= (LEAST_SHARE * self.voxels).max(8.0) && n >= 1.5 * valley;
-            if (200.0..=650.0).contains(&value) && is_peak && best.is_none_or(|(_, most)| n > most)
-            {
+        for at in AROUND..counts.len() - AROUND {
+            let (value, n) = counts[at];
+            // Bone makes a hump as well, in scans with little noise: a low or a broad one.
+            let around = &counts[at - AROUND..=at + AROUND];
+            let is_top = around.iter().all(|(_, other)| *other <= n);
+            let is_narrow = around[0].1.max(around[2 * AROUND].1) <= 0.6 * n;
+            let is_much = n >= (LEAST_SHARE * self.voxels).max(8.0);
+            let is_agent = (225.0..=650.0).contains(&value) && is_top && is_narrow && is_much;
+            if is_agent && best.is_none_or(|(_, most)| n > most) {
                 best = Some((at, n));
             }
-            valley = valley.min(n);
         }
         let (at, most) = best?;
         let half = counts[at..].iter().find(|(_, n)| *n < most / 2.0)?.0 - counts[at].0;
@@ -369,7 +376,7 @@ fn hue(n: usize) -> DVec3 {
 /// Names, albedos and mean free paths along the edge of what is told apart, by rising value. The
 /// background, which comes before them, is nothing.
 const GREYS: [(&str, [f64; 3], f64); 3] = [
-    ("low", [0.9, 0.66, 0.54], 1.6 * THIN),
+    ("low", [0.9, 0.66, 0.54], 1.2 * THIN),
     ("middle", [0.93, 0.3, 0.2], 0.15 * SOLID),
     ("high", [0.96, 0.9, 0.78], SOLID),
 ];
@@ -397,7 +404,7 @@ fn greys(volume: &Volume, size: Size) -> Vec<Material> {
     let mut materials = Vec::new();
     for ((name, albedo, paths), edge) in GREYS[first..].iter().zip(edges.windows(2)) {
         let soft = |at: f64| rounded(at, fineness / 10.0);
-        let width = 0.15 * (edge[1] - edge[0]).min(high - low);
+        let width = 0.15 * (edge[1].min(high) - edge[0]);
         let is_last = edge[1] > high;
         let mut ramp = vec![[soft(edge[0] - width), 0.0], [soft(edge[0] + width), 1.0]];
         match is_last {

@@ -148,7 +148,8 @@ fn value_toml(value: &str) -> String {
     if let Some(toml) = number(value).or_else(listed) {
         return toml;
     }
-    for toml in [value.to_owned(), format!("[{value}]")] {
+    let bracketed = if value.is_empty() { String::new() } else { format!("[{value}]") };
+    for toml in [value.to_owned(), bracketed] {
         let one = DeTable::parse(&format!("value = {toml}")).is_ok_and(|t| t.get_ref().len() == 1);
         if one {
             return toml;

@@ -277,7 +277,7 @@ mod tests {
     fn levels_are_counted_by_value() {
         let v = volume((0..COUNT).map(|n| [0.5f32, -1.0, 3.0][n % 3]).collect::<Vec<_>>());
         let third = COUNT as u64 / 3;
-        assert_eq!(v.levels(3), Some(vec![(-1.0, third), (0.5, third + 1), (3.0, third)]));
+        assert_eq!(v.levels(3), Some(vec![(-1.0, third + 1), (0.5, third + 1), (3.0, third)]));
         assert_eq!(v.levels(2), None);
         let v = volume(
             Values::from((0..COUNT).map(|n| (n % 2) as u8).collect::<Vec<_>>()).mapped(-2.0, 5.0),
