@@ -48,9 +48,6 @@ const OUTLIERS: f64 = 1e-4;
 /// Share of the voxels below which a material is not worth having.
 const LEAST_SHARE: f64 = 2e-4;
 
-/// The same of lung, whose values are also those between any tissue and the air beside it.
-const LEAST_LUNG: f64 = 0.05;
-
 /// Mean free paths along an edge of the volume: what is seen through, and what has a surface.
 const THIN: f64 = 0.5;
 const SOLID: f64 = 150.0;
@@ -227,7 +224,12 @@ fn tissues(volume: &Volume, size: Size) -> Result<Vec<Material>> {
             }
             _ => {}
         }
-        let least = if name == "lung" { LEAST_LUNG } else { LEAST_SHARE };
+        let least = match name {
+            // The values of lung are also those between any tissue and the air beside it: lung has
+            // more voxels than its neighbours among these.
+            "lung" => (3.0 * values.share(&[[-450.0, 1.0], [-250.0, 1.0]])).max(0.02),
+            _ => LEAST_SHARE,
+        };
         if values.share(&material.ramp) >= least {
             materials.push(material);
         }
