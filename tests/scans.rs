@@ -199,8 +199,8 @@ fn an_outlier_changes_nothing() {
         Volume::new(hand.size(), hand.spacing(), hand.axes(), hand.origin(), values).unwrap()
     };
     let of_mr = |values: Vec<f32>| volume(values, 1.0);
-    let cases: [(Vec<f32>, &dyn Fn(Vec<f32>) -> Volume); 2] =
-        [(hand_values, &of_hand), (mr(), &of_mr)];
+    type Build<'a> = &'a dyn Fn(Vec<f32>) -> Volume;
+    let cases: [(Vec<f32>, Build); 2] = [(hand_values, &of_hand), (mr(), &of_mr)];
     for (values, volume_of) in cases {
         let source = || VolumeSource::File("x.nrrd".into());
         let plain = Scene::for_volume(source(), "x", &volume_of(values.clone())).unwrap();
@@ -226,7 +226,7 @@ fn a_larger_object_looks_the_same() {
 
 #[test]
 fn the_camera_sees_the_front_of_it_all() {
-    let values = vec![0u8, 200].repeat(32 * 16 * 8 / 2);
+    let values = [0u8, 200].repeat(32 * 16 * 8 / 2);
     // Slices run downwards, and the patient's left is on the left of each.
     let axes = DMat3::from_cols(DVec3::NEG_X, DVec3::Y, DVec3::NEG_Z);
     for size in [[32, 16, 8], [8, 16, 32], [8, 32, 16]] {

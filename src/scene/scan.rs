@@ -460,8 +460,8 @@ fn thresholds(levels: &[(f64, f64)], classes: usize) -> Vec<f64> {
         let mut next = vec![f64::NEG_INFINITY; count + 1];
         let mut begin = vec![0; count + 1];
         for b in class + 1..=count {
-            for a in class..b {
-                let total = best[a] + between(a, b);
+            for (a, before) in best.iter().enumerate().take(b).skip(class) {
+                let total = before + between(a, b);
                 if total > next[b] {
                     (next[b], begin[b]) = (total, a);
                 }
