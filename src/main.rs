@@ -5,12 +5,14 @@ mod cli;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::Result;
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use anyhow::{Result, ensure};
+use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use photogram::gpu::AdapterChoice;
 use photogram::scene::{Estimator, Method, Scale, Scene, Settings, VolumeSource, Weighting};
 use photogram::volume::phantom::Phantom;
 use photogram::volume::{self, Volume};
+
+use cli::changes::{self, Changes};
 
 /// Globally lit pictures of CT and MR volumes, by photon mapping on the GPU.
 #[derive(Parser)]
@@ -34,10 +36,18 @@ enum Command {
         #[arg(long)]
         json: Option<PathBuf>,
     },
-    /// Renders a scene to .exr (linear) or .png
+    /// Renders a scene or a scan to .exr (linear) or .png
     Render(Box<RenderArgs>),
-    /// Applies named edits in order, each as an update and as a full rebuild
+    /// Applies edits in order, each as an update and as a full rebuild
     Edit(Box<EditArgs>),
+    /// Writes the scene that a scan is rendered by, for editing
+    Scene {
+        /// A volume: .nrrd, .nii or .nii.gz
+        scan: PathBuf,
+        /// Output file, .toml
+        #[arg(short, long)]
+        out: PathBuf,
+    },
     /// Measures edits: the tables and figures of the Historygrams paper, and more
     Bench(BenchArgs),
     /// Describes a volume, or lists the adapters
@@ -69,9 +79,8 @@ enum Command {
 struct RenderArgs {
     #[command(flatten)]
     scene: SceneArgs,
-    /// Applies a named edit of the scene first; may be repeated
-    #[arg(long)]
-    edit: Vec<String>,
+    #[command(flatten)]
+    changes: Changes,
     /// photon-map, mcvr or reference
     #[arg(long)]
     method: Option<Method>,
@@ -87,12 +96,12 @@ struct RenderArgs {
 }
 
 #[derive(Args)]
+#[command(group(ArgGroup::new("changes").args(["edit", "set"]).required(true).multiple(true)))]
 struct EditArgs {
     #[command(flatten)]
     scene: SceneArgs,
-    /// A named edit of the scene; once for each
-    #[arg(long, required = true)]
-    edit: Vec<String>,
+    #[command(flatten)]
+    changes: Changes,
     /// The image after the last edit, one ray a pixel, .exr or .png
     #[arg(short, long)]
     out: Option<PathBuf>,
@@ -138,9 +147,9 @@ enum What {
 
 #[derive(Args)]
 struct SceneArgs {
-    /// Scene file, .toml
+    /// Scene file, .toml; or a volume, for which a scene is made
     scene: PathBuf,
-    /// Puts another volume in the scene; `-` is standard input
+    /// Puts another volume in the scene file's place; `-` is standard input
     #[arg(long)]
     volume: Option<PathBuf>,
     /// small, medium or full: shrinks photons, pixels and phantoms together
@@ -214,6 +223,7 @@ fn run(cli: &Cli) -> Result<()> {
         Command::Demo { out, json } => cli::edit::run_demo(&adapter, out, json.as_deref()),
         Command::Render(args) => cli::render::run_render(&adapter, args),
         Command::Edit(args) => cli::edit::run_edit(&adapter, args),
+        Command::Scene { scan, out } => cli::scene::run_scene(scan, out),
         Command::Bench(args) => cli::bench::run_bench(&adapter, args),
         Command::Info { volume, json, .. } => {
             cli::check_places(&[json.as_deref()], &[volume.as_deref()])?;
@@ -241,15 +251,34 @@ impl SceneArgs {
     }
 }
 
+/// What a command works on.
+struct Prepared {
+    /// Settled; what the command line sets is among its edits.
+    scene: Scene,
+    volume: Volume,
+    /// Names of the edits to make, in order.
+    edits: Vec<String>,
+    /// What a scan was taken for, where it was given no scene.
+    told: Option<String>,
+}
+
 /// The scene of a command, its settings overridden and settled, with its volume; `more` overrides
 /// what other commands have no word for. Nothing that is read may be `written`.
 fn prepare(
     args: &SceneArgs,
     written: &[Option<&Path>],
+    changes: &Changes,
     more: impl FnOnce(&mut Settings),
-) -> Result<(Scene, Volume)> {
+) -> Result<Prepared> {
     cli::check_places(written, &args.read())?;
-    let mut scene = Scene::load(&args.scene)?;
+    let (mut scene, scan, told) = if cli::scene::is_scene(&args.scene) {
+        (Scene::load(&args.scene)?, None, None)
+    } else {
+        ensure!(args.volume.is_none(), "--volume goes with a scene file: name one volume");
+        let made = cli::scene::make(&args.scene)?;
+        let told = made.told();
+        (made.scene, Some(made.volume), Some(told))
+    };
     // Nor the volume that is named there, whether another takes its place or not.
     if let VolumeSource::File(path) = &scene.volume {
         cli::check_unread(written, &[Some(path)])?;
@@ -277,8 +306,9 @@ fn prepare(
     more(settings);
     scene.film.exposure += args.exposure.unwrap_or(0.0);
     scene.check()?;
-    let volume = scene.volume.load()?;
+    let edits = changes.add_to(&mut scene)?;
+    let volume = scan.map_or_else(|| scene.volume.load(), Ok)?;
     cli::warn_of(&volume);
-    scene.settle(&volume);
-    Ok((scene, volume))
+    changes::settle(&mut scene, &edits, &volume);
+    Ok(Prepared { scene, volume, edits, told })
 }

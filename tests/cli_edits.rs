@@ -179,7 +179,7 @@ remove_light = ["key"]
 #[test]
 fn what_is_clamped_is_told() {
     let place = Place::new();
-    let edit = "[[edit]]\nname = \"dense\"\n[[edit.material]]\nname = \"ball\"\nextinction = 3\n";
+    let edit = "[[edit]]\nname = \"dense\"\n[[edit.material]]\nname = \"ball\"\nextinction = 300\n";
     let scene = place::SCENE.replace("[settings]", "[settings]\nmajorant = 1");
     place.file("scene.toml", format!("{scene}{edit}"));
     let args = ["edit", "scene.toml", "--edit", "dark", "--edit", "dense", "--json", "edits.json"];

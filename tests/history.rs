@@ -33,7 +33,8 @@ fn histories_contain_what_was_relied_on() {
                 [0, 0],
                 "{estimator}, {filter}, after {edit} edits: {found:?}"
             );
-            assert!(found.relied_on.iter().all(|&n| n > 200), "{estimator}, {filter}: {found:?}");
+            // Edits of settings have fewer photons and pixels.
+            assert!(found.relied_on.iter().all(|&n| n > 30), "{estimator}, {filter}: {found:?}");
             if let Some(points) = frame.field.points() {
                 let means = means(points);
                 let found =

@@ -104,9 +104,10 @@ fn what_threads_share_is_what_one_finds() {
     ] {
         let mut plain = vec![0u64; 37];
         let mut range = [f64::INFINITY, f64::NEG_INFINITY];
+        let per_number = (37.0 / volume.numbers().span) as f32;
         for at in 0..count as u32 {
             let [i, j, k] = [at % 101, at / 101 % 97, at / 101 / 97];
-            let share = volume.number(i, j, k) * (37.0 / volume.numbers().span) as f32;
+            let share = volume.number(i, j, k) * per_number;
             plain[(share as usize).min(36)] += 1;
             let value = volume.value(i, j, k);
             range = [range[0].min(value), range[1].max(value)];

@@ -13,15 +13,16 @@ use photogram::scene::{Method, Scene, Spatial};
 use photogram::split::Split;
 
 use super::{
-    align_right, check_places, failed, make_folder, notes, say, warnings, with_progress, write_json,
+    align_right, check_places, failed, make_folder, notes, say, warn_of_materials, warnings,
+    with_progress, write_json,
 };
-use crate::{EditArgs, prepare};
+use crate::{EditArgs, Prepared, prepare};
 
 pub fn run_edit(adapter: &AdapterChoice, args: &EditArgs) -> Result<()> {
     let json = args.scene.json.as_deref();
     let format = args.out.as_deref().map(Format::of).transpose()?;
     let is_fresh = args.verify.as_deref() == Some("fresh");
-    if let Some(path) = args.scene.volume.as_deref().filter(|_| is_fresh) {
+    for path in args.scene.read().into_iter().flatten().filter(|_| is_fresh) {
         let is_pipe = path.metadata().is_ok_and(|found| !found.is_file() && !found.is_dir());
         ensure!(
             !files::is_standard(path) && !is_pipe,
@@ -31,7 +32,8 @@ pub fn run_edit(adapter: &AdapterChoice, args: &EditArgs) -> Result<()> {
         );
     }
     let written = [args.out.as_deref(), json];
-    let (scene, volume) = prepare(&args.scene, &written, |settings| settings.rays = 1)?;
+    let prepared = prepare(&args.scene, &written, &args.changes, |settings| settings.rays = 1)?;
+    let Prepared { scene, volume, edits, told } = prepared;
     ensure!(
         scene.settings.method == Method::PhotonMap,
         "edits are updates of the photon map: `method` is another in the scene"
@@ -43,16 +45,17 @@ pub fn run_edit(adapter: &AdapterChoice, args: &EditArgs) -> Result<()> {
     );
     // All that can be refused is refused before the work.
     let mut scenes = vec![scene];
-    for name in &args.edit {
+    for name in &edits {
         scenes.extend(scenes.last().map(|before| before.edited(name)).transpose()?);
     }
-    let checked = scenes.iter().zip([""].into_iter().chain(args.edit.iter().map(String::as_str)));
+    let checked = scenes.iter().zip([""].into_iter().chain(edits.iter().map(String::as_str)));
     for (scene, edit) in checked {
         scene.check_against(&volume).map_err(|e| match edit {
             "" => e.into(),
             _ => anyhow!("after edit `{edit}`: {e}"),
         })?;
     }
+    warn_of_materials(&scenes, &volume);
     let gpu = photogram::open(adapter)?;
     let mut frame = with_progress(|progress| {
         let mut frame = measure::fresh(&gpu, &scenes[0], &volume)?;
@@ -60,13 +63,13 @@ pub fn run_edit(adapter: &AdapterChoice, args: &EditArgs) -> Result<()> {
         Ok(frame)
     })?;
     let mut done = Vec::new();
-    for (name, scene) in args.edit.iter().zip(&scenes[1..]) {
+    for (name, scene) in edits.iter().zip(&scenes[1..]) {
         let measured = with_progress(|progress| {
             measure::measure(&gpu, &mut frame, scene, &volume, args.verify.is_some(), progress)
         })?;
         done.push((name.as_str(), measured));
     }
-    let scene = &scenes[args.edit.len()];
+    let scene = &scenes[edits.len()];
     let done: Vec<_> = done.iter().map(|(name, m)| (*name, m)).collect();
     let image = frame.segments.image(&gpu)?;
     if let Some((out, format)) = args.out.as_deref().zip(format) {
@@ -77,6 +80,7 @@ pub fn run_edit(adapter: &AdapterChoice, args: &EditArgs) -> Result<()> {
             Format::Png => image.write(out, scene.film, &notes)?,
         }
     }
+    told.map_or(Ok(()), say)?;
     say(format_args!(
         "adapter {}, stage times by {}; {}\n{}",
         gpu.report().name,

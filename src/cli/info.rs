@@ -5,9 +5,11 @@ use std::path::Path;
 use anyhow::Result;
 use comfy_table::{Table, presets};
 use photogram::gpu;
+use photogram::scene::{Scene, VolumeSource};
 use photogram::volume::{self, Volume};
 
-use super::{say, warn_of, write_json};
+use super::scene::is_scene;
+use super::{check_unread, say, warn_of, warn_of_materials, write_json};
 
 pub fn list_adapters(json: Option<&Path>) -> Result<()> {
     let adapters = gpu::adapters()?;
@@ -45,9 +47,20 @@ pub fn dimensions(volume: &Volume) -> String {
     format!("{i}x{j}x{k} voxels of {:.4}x{:.4}x{:.4} mm", s.x, s.y, s.z)
 }
 
+/// Describes a volume; or that of a scene, and what its materials do not meet.
 pub fn describe(path: &Path, json: Option<&Path>) -> Result<()> {
-    let volume = volume::load(path)?;
+    let scene = if is_scene(path) { Some(Scene::load(path)?) } else { None };
+    if let Some(VolumeSource::File(volume)) = scene.as_ref().map(|scene| &scene.volume) {
+        check_unread(&[json], &[Some(volume)])?;
+    }
+    let volume = scene.as_ref().map_or_else(|| volume::load(path), |scene| scene.volume.load())?;
     warn_of(&volume);
+    let mut materials = Vec::new();
+    if let Some(mut scene) = scene {
+        scene.settle(&volume);
+        materials = scene.unresolved(&volume);
+        warn_of_materials([&scene], &volume);
+    }
     let [low, high] = volume.range();
     say(format_args!("{}: {}, {}", path.display(), dimensions(&volume), volume.voxels().name()))?;
     say(format_args!("origin {:.3} mm (left, posterior, superior)", volume.origin()))?;
@@ -73,7 +86,7 @@ pub fn describe(path: &Path, json: Option<&Path>) -> Result<()> {
                 "stored_as": volume.voxels().name(),
                 "range": volume.range(),
                 "histogram": counts,
-                "warnings": volume.warnings(),
+                "warnings": [volume.warnings(), &materials].concat(),
             }),
         )
     })

@@ -1,9 +1,11 @@
 //! What the commands print and write; the library does the work.
 
 pub mod bench;
+pub mod changes;
 pub mod edit;
 pub mod info;
 pub mod render;
+pub mod scene;
 
 use std::io::{ErrorKind, IsTerminal, Write as _};
 use std::path::Path;
@@ -82,6 +84,16 @@ pub fn warn_of(volume: &Volume) {
     }
 }
 
+/// Warns of materials that cannot look as they are meant to, each once.
+pub fn warn_of_materials<'a>(scenes: impl IntoIterator<Item = &'a Scene>, volume: &Volume) {
+    let mut told = std::collections::HashSet::new();
+    for warning in scenes.into_iter().flat_map(|scene| scene.unresolved(volume)) {
+        if told.insert(warning.clone()) {
+            let _ = writeln!(std::io::stderr(), "warning: {warning}");
+        }
+    }
+}
+
 /// What was clamped: light that a sum has no room for, and extinction. A line each, of `whom`.
 pub fn warnings(whom: &str, contributions: u64, entries: usize) -> String {
     let mut text = String::new();
@@ -90,8 +102,8 @@ pub fn warnings(whom: &str, contributions: u64, entries: usize) -> String {
     }
     if entries > 0 {
         text += &format!(
-            "warning: {whom}the extinction of {entries} table entries was clamped at the majorant: \
-             raise `majorant` in the scene\n"
+            "note: {whom}the extinction of {entries} table entries is above four mean free paths a \
+             voxel, and counts as that\n"
         );
     }
     text

@@ -9,22 +9,26 @@ use photogram::gpu::AdapterChoice;
 use photogram::render::{Rendered, render};
 use photogram::split::Split;
 
-use super::{align_right, make_folder, notes, say, warnings, with_progress, write_json};
-use crate::{RenderArgs, prepare};
+use super::{
+    align_right, make_folder, notes, say, warn_of_materials, warnings, with_progress, write_json,
+};
+use crate::{Prepared, RenderArgs, prepare};
 
 pub fn run_render(adapter: &AdapterChoice, args: &RenderArgs) -> Result<()> {
     let format = Format::of(&args.out)?;
     let json = args.scene.json.as_deref();
     let written = [Some(args.out.as_path()), json];
-    let (mut scene, volume) = prepare(&args.scene, &written, |settings| {
+    let prepared = prepare(&args.scene, &written, &args.changes, |settings| {
         settings.method = args.method.unwrap_or(settings.method);
         settings.rays = args.rays.unwrap_or(settings.rays);
         settings.samples = args.samples.unwrap_or(settings.samples);
     })?;
-    for edit in &args.edit {
+    let Prepared { mut scene, volume, edits, told } = prepared;
+    for edit in &edits {
         scene = scene.edited(edit)?;
     }
     scene.check_against(&volume)?;
+    warn_of_materials([&scene], &volume);
     let gpu = photogram::open(adapter)?;
     let rendered =
         with_progress(|progress| render(&gpu, &scene, &volume, &Split::default(), progress))?;
@@ -37,6 +41,7 @@ pub fn run_render(adapter: &AdapterChoice, args: &RenderArgs) -> Result<()> {
         }
         _ => rendered.image.write(&args.out, scene.film, &notes)?,
     }
+    told.map_or(Ok(()), say)?;
     say(format_args!("{}{}", summary(&rendered), args.out.display()))?;
     json.map_or(Ok(()), |path| write_json(path, &rendered.report))
 }

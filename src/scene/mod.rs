@@ -14,6 +14,9 @@ mod check;
 mod edit;
 mod place;
 mod read;
+mod resolved;
+mod scan;
+mod set;
 mod source;
 mod toml_file;
 mod write;
@@ -30,6 +33,7 @@ pub use camera::{Camera, CameraPlace, Rays, View};
 pub use edit::{CameraChange, Changes, Edit, LightChange, MaterialChange};
 pub use place::{effective_majorant, extinction_limit, greatest_majorant};
 pub use read::preset;
+pub use scan::ScanKind;
 
 /// Everything a render needs.
 #[derive(Clone, Debug, PartialEq)]

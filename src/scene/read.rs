@@ -11,7 +11,8 @@ use super::*;
 use crate::fault::unit_range;
 use crate::transfer::{Material, PRESETS};
 
-const CHANGE_KEYS: [&str; 9] =
+/// What may be said of a material that changes.
+pub(super) const CHANGE_KEYS: [&str; 9] =
     ["name", "window", "ramp", "extinction", "albedo", "scatter", "colour", "emission", "phase_g"];
 
 impl Scene {
@@ -105,7 +106,7 @@ pub fn preset(name: &str) -> Result<Material> {
     whole_material(&section, name.into(), None)
 }
 
-fn background(s: &Section) -> Result<Option<DVec3>> {
+pub(super) fn background(s: &Section) -> Result<Option<DVec3>> {
     let background = s.rgb("background")?;
     match background {
         Some(b) if b.min_element() < 0.0 => {
@@ -268,25 +269,12 @@ fn whole_material(s: &Section, name: String, base: Option<Material>) -> Result<M
             if extinction != 0.0 && !coloured {
                 return Err(s.fail("scatter", "it needs an `albedo`, or `scatter` and `colour`"));
             }
-            Material { name, ..neutral_material() }
+            Material { name, ..Material::neutral() }
         }
     };
     change.apply(&mut material);
     s.check(material.check())?;
     Ok(material)
-}
-
-/// Possible in every field, so that a change can be checked alone.
-fn neutral_material() -> Material {
-    Material {
-        name: String::new(),
-        ramp: vec![[0.0, 1.0], [1.0, 1.0]],
-        extinction: 0.0,
-        scatter: 0.0,
-        colour: DVec3::ONE,
-        emission: DVec3::ZERO,
-        phase_g: 0.0,
-    }
 }
 
 /// Shape, place and power keys of a light.
@@ -336,7 +324,7 @@ fn light_kind(s: &Section, shape: &str) -> Result<Option<LightKind>> {
 }
 
 /// The materials and lights that the file has named so far: what edits may speak of.
-struct Known {
+pub(super) struct Known {
     materials: Vec<Material>,
     lights: Vec<Light>,
     /// Ids that the file gives to lights, wherever they stand, and those given out since.
@@ -346,6 +334,12 @@ struct Known {
 }
 
 impl Known {
+    /// What a whole scene has.
+    pub fn of(scene: &Scene) -> Self {
+        let (materials, lights) = (scene.materials.clone(), scene.lights.clone());
+        Self { materials, lights, ids: Vec::new(), freed: Vec::new() }
+    }
+
     fn new(top: &Section) -> Result<Self> {
         let mut ids = Vec::new();
         let mut lights = top.sections("light")?;
@@ -486,18 +480,18 @@ impl Known {
         })
     }
 
-    fn material_change(&self, s: &Section) -> Result<MaterialChange> {
+    pub fn material_change(&self, s: &Section) -> Result<MaterialChange> {
         s.only(&CHANGE_KEYS)?;
         let name = s.must("name", s.text("name")?)?;
         self.known_material(s, "name", &name)?;
         let change = MaterialChange { name, ..material_change(s)? };
-        let mut changed = neutral_material();
+        let mut changed = Material::neutral();
         change.apply(&mut changed);
         s.check(changed.check())?;
         Ok(change)
     }
 
-    fn light_change(&self, s: &Section) -> Result<LightChange> {
+    pub fn light_change(&self, s: &Section) -> Result<LightChange> {
         let name = s.must("name", s.text("name")?)?;
         let light = self.known_light(s, "name", &name)?;
         let shape = light.kind.shape();
@@ -515,7 +509,7 @@ impl Known {
     }
 }
 
-fn camera_change(s: &Section, base: &Camera) -> Result<CameraChange> {
+pub(super) fn camera_change(s: &Section, base: &Camera) -> Result<CameraChange> {
     s.only(&["origin", "target", "from", "zoom", "up", "fov_deg"])?;
     let change =
         CameraChange { place: camera_place(s)?, up: s.vec3("up")?, fov_deg: s.number("fov_deg")? };

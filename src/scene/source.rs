@@ -85,7 +85,7 @@ impl Scene {
             )));
         }
         if !Table::build(&self.materials, &self.domain(volume), None).is_empty() {
-            return Ok(());
+            return self.check_labels(volume);
         }
         Err(Error::setting(format!(
             "the transfer function is empty: no material has extinction or emission over the \

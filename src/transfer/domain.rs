@@ -43,18 +43,24 @@ impl Domain {
     }
 
     /// The domain that suits a volume's numbers: every whole number, if there are few enough; else
-    /// `range`, or all there are, joined with the values that materials name, as far as there are data.
+    /// `range`, or all there are, joined with the values that materials name.
     pub fn fitting(range: Option<[f64; 2]>, numbers: &Numbers, materials: &[Material]) -> Self {
         let data = [numbers.least, numbers.least + numbers.step * numbers.span];
-        match range {
-            None if numbers.are_few() => Self::whole(numbers),
-            None => Self::over(data),
-            Some(range) => {
-                let named = materials.iter().flat_map(|m| &m.ramp);
-                let named = named.map(|point| point[0].clamp(data[0], data[1]));
-                Self::over(named.fold(range, |[a, b], v| [a.min(v), b.max(v)]))
-            }
-        }
+        let Some(range) = range else {
+            return if numbers.are_few() { Self::whole(numbers) } else { Self::over(data) };
+        };
+        let [low, high] = joined(range, numbers, materials);
+        // What lies outside is told by the outermost entries: beyond the ends of all ramps.
+        let margin = (high - low) / (TABLE_ENTRIES - 2) as f64;
+        Self::over([
+            if data[0] < low { low - margin } else { low },
+            if data[1] > high { high + margin } else { high },
+        ])
+    }
+
+    /// Values from one entry to the next.
+    pub fn step(&self) -> f64 {
+        self.extent / self.parts
     }
 
     /// Entries in use: those from the first on that data can have.
@@ -76,6 +82,25 @@ impl Domain {
             shift: (before - self.offset + 0.5) as f32,
         }
     }
+}
+
+/// A range that also has the values at which materials begin, change and end, as far as there are
+/// data. Where a ramp is level out to a far end, that end says nothing: it is often just large.
+pub fn joined(range: [f64; 2], numbers: &Numbers, materials: &[Material]) -> [f64; 2] {
+    let data = [numbers.least, numbers.least + numbers.step * numbers.span];
+    let named = materials.iter().flat_map(|material| {
+        let ramp = &material.ramp[..];
+        let inner = match ramp {
+            [.., a, b] if a[1] == b[1] && b[0] > range[1] => &ramp[..ramp.len() - 1],
+            _ => ramp,
+        };
+        match inner {
+            [a, b, ..] if a[1] == b[1] && a[0] < range[0] => &inner[1..],
+            _ => inner,
+        }
+    });
+    let named = named.map(|point| point[0].clamp(data[0], data[1]));
+    named.fold(range, |[a, b], v| [a.min(v), b.max(v)])
 }
 
 impl EntryMap {

@@ -27,6 +27,30 @@ pub struct Material {
 }
 
 impl Material {
+    /// Possible in every field, so that a change can be checked alone.
+    pub(crate) fn neutral() -> Self {
+        Self {
+            name: String::new(),
+            ramp: vec![[0.0, 1.0], [1.0, 1.0]],
+            extinction: 0.0,
+            scatter: 0.0,
+            colour: DVec3::ONE,
+            emission: DVec3::ZERO,
+            phase_g: 0.0,
+        }
+    }
+
+    /// Whether it could be seen at all.
+    pub fn is_visible(&self) -> bool {
+        self.extinction > 0.0 || self.emission.max_element() > 0.0
+    }
+
+    /// How far its ramp goes, in values.
+    pub fn width(&self) -> f64 {
+        let ends = self.ramp.first().zip(self.ramp.last());
+        ends.map_or(0.0, |(first, last)| last[0] - first[0])
+    }
+
     /// Albedo in [0, 1]: the scatter times the colour.
     pub fn albedo(&self) -> DVec3 {
         self.scatter * self.colour

@@ -11,7 +11,7 @@ mod material;
 use glam::DVec3;
 
 pub use cells::{CellEntries, spans};
-pub use domain::{Domain, EntryMap};
+pub use domain::{Domain, EntryMap, joined};
 pub use material::{Material, ramp_weight};
 
 /// Entries of a [`Table`].

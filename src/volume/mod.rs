@@ -17,6 +17,7 @@ mod nifti;
 pub mod nrrd;
 mod open;
 pub mod phantom;
+mod statistics;
 pub mod texture;
 mod values;
 
@@ -84,6 +85,8 @@ pub struct Volume {
     voxels: Voxels,
     range: [f64; 2],
     step: f64,
+    /// All numbers that kernels are given are whole.
+    are_whole: bool,
     warnings: Vec<String>,
 }
 
@@ -133,7 +136,12 @@ impl Volume {
         }
         let axes = orthonormal(axes)?;
         let values::Stored { voxels, range, step } = values.store(size)?;
-        Ok(Self { size, spacing, axes, origin, voxels, range, step, warnings: Vec::new() })
+        let are_whole = match &voxels {
+            Voxels::F32(data) => data.par_iter().all(|value| value.fract() == 0.0),
+            Voxels::U8(_) | Voxels::U16(_) => true,
+        };
+        let warnings = Vec::new();
+        Ok(Self { size, spacing, axes, origin, voxels, range, step, are_whole, warnings })
     }
 
     /// Voxels along i, j, k.
@@ -242,9 +250,7 @@ impl Volume {
     pub fn numbers(&self) -> Numbers {
         let [least, greatest] = self.range;
         let (span, are_whole) = match &self.voxels {
-            Voxels::F32(data) => {
-                (greatest - least, data.par_iter().all(|value| value.fract() == 0.0))
-            }
+            Voxels::F32(_) => (greatest - least, self.are_whole),
             Voxels::U8(_) | Voxels::U16(_) => (((greatest - least) / self.step).round(), true),
         };
         Numbers { least, step: self.step, span, are_whole }

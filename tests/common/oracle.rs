@@ -129,7 +129,7 @@ impl<'a> Oracle<'a> {
             // A device's sines are not exact.
             let near = |e: u32| [e.saturating_sub(8), e, (e + 8).min(ENTRIES as u32 - 1)];
             let bins = |entries: Vec<u32>| {
-                entries.into_iter().flat_map(near).fold(0, |m, e| m | 1 << (e / 64))
+                entries.into_iter().flat_map(near).fold(0, |m, e| m | 1 << self.bin(e))
             };
             let values = taps.filter(within).filter_map(|tap| self.entries_at(tap).map(bins));
             found.judge(0, *mask, &values.collect::<Vec<_>>());
