@@ -75,6 +75,7 @@ pub fn describe(path: &Path, json: Option<&Path>) -> Result<()> {
         let bar = "#".repeat(((n as f64).ln_1p() / most * 40.0).round() as usize);
         say(format_args!("{value:>12.3} {n:>12} {bar}"))?;
     }
+    let warnings = [volume.warnings(), &materials].concat();
     json.map_or(Ok(()), |path| {
         write_json(
             path,
@@ -86,7 +87,7 @@ pub fn describe(path: &Path, json: Option<&Path>) -> Result<()> {
                 "stored_as": volume.voxels().name(),
                 "range": volume.range(),
                 "histogram": counts,
-                "warnings": [volume.warnings(), &materials].concat(),
+                "warnings": warnings,
             }),
         )
     })
