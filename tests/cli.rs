@@ -201,16 +201,18 @@ fn what_no_adapter_holds() {
         return eprintln!("skipped: a binding of {binding} bytes takes too much memory to exceed");
     }
     let on = |args: &[&str]| place.unrendered(&[args, &["--adapter", &index]].concat());
-    let error = on(&["--size", "16384x64", "--segments", "1024"]);
-    says(&error, &["stage `segments`", "lower `segments` or the image's width"]);
+    let error = on(&["--size", "16384x1", "--segments", "1024"]);
+    says(&error, &["stage `segments`", "must lie in one piece", "`segments`", "16384x1 pixels"]);
 
     let size = [2048, 128, (binding as usize / 8).div_ceil(2048 * 128) + 1];
     place.file("large.nrrd", nrrd(size, &vec![200; size.iter().product()]));
     let error = on(&["--volume", "large.nrrd", "--grid", "1"]);
-    says(&error, &["stage `fluence grid`", "lower `grid` (now 1)"]);
+    says(&error, &["stage `fluence grid`", "must lie in one piece", "(`grid`)"]);
 
     let error = on(&["--photons", "4294967295", "--max-events", "64"]);
-    says(&error, &["stage `photon", "of memory are needed, and this machine has"]);
+    says(&error, &["stage `p", "of memory are needed, and", "(`photons`, `max_events`)"]);
+    let error = on(&["--size", "16384x16384"]);
+    says(&error, &["stage `segments`", "of memory are needed, and", "image size", "`rays`"]);
 }
 
 #[test]

@@ -206,6 +206,8 @@ impl DeviceScene {
         let setup = Setup::of(scene, &grid, storage.bins)?;
         let nearest = scene.filter == Filter::Nearest;
         let squares = !nearest && bytes_of_squares(volume) <= storage.max_squares;
+        let bytes = bytes_of_squares(volume);
+        gpu.has_room("volume", if squares { bytes } else { bytes / 4 })?;
         let (volume_view, volume_bytes) = upload(gpu, volume, squares)?;
         let query = Query::default();
         // What each cell has is found below.
@@ -465,7 +467,7 @@ impl Setup {
             )));
         }
         let map = domain.map(&grid.numbers);
-        let bins = own_bins.unwrap_or_else(|| Bins::of(&domain, &grid.numbers, MARK_CLASSES));
+        let bins = own_bins.unwrap_or_else(|| Bins::of(&domain, MARK_CLASSES));
         let cells = CellEntries::of(&grid.cells, map);
         let spacing = grid.spacing.as_vec3();
         let params = SceneParams {

@@ -131,14 +131,18 @@ fn texture(gpu: &Gpu, grid: [u32; 3]) -> wgpu::Texture {
     })
 }
 
+/// Cells along each axis, for so many voxels and cells for each.
+pub fn cells(size: [u32; 3], per_voxel: f64) -> [u32; 3] {
+    size.map(|n| ((f64::from(n) * per_voxel).round() as u32).max(1))
+}
+
 impl Fluence {
     /// An empty grid for a scene.
     ///
     /// # Errors
     /// The grid does not fit the adapter.
     pub fn new(gpu: &Gpu, scene: &DeviceScene, settings: &Settings) -> Result<Self> {
-        let grid =
-            scene.params.size.map(|n| ((f64::from(n) * settings.grid).round() as u32).max(1));
+        let grid = cells(scene.params.size, settings.grid);
         let cells: u64 = grid.iter().map(|&n| u64::from(n)).product();
         let bytes = cells * 8;
         gpu.fits("fluence grid", bytes).map_err(|_| {

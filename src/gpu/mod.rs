@@ -437,24 +437,35 @@ impl Gpu {
         ))
     }
 
-    /// Refuses what a software adapter would promise, and die of when it is used: its memory
-    /// is the host's. Other adapters refuse for themselves.
-    fn has_room(&self, stage: &str, bytes: u64) -> Result<()> {
-        let worth_asking = self.report.kind == "software" && bytes > 1 << 24;
-        let Some(host) = worth_asking.then(host_memory).flatten() else {
+    /// Bytes that may still be taken, where that is known: of an adapter whose memory is the host's,
+    /// what the host has available but for a tenth, which others will want.
+    pub fn free_bytes(&self) -> Option<u64> {
+        let is_host = [SOFTWARE, "integrated"].contains(&self.report.kind);
+        is_host.then(|| host_memory("MemAvailable:")).flatten().map(|free| free / 10 * 9)
+    }
+
+    /// Refuses what a software adapter would promise, and die of when it is used. Other adapters
+    /// refuse for themselves.
+    pub(crate) fn has_room(&self, stage: &str, bytes: u64) -> Result<()> {
+        if self.report.kind != SOFTWARE || bytes <= 1 << 24 {
+            return Ok(());
+        }
+        let Some((free, host)) = self.free_bytes().zip(host_memory("MemTotal:")) else {
             return Ok(());
         };
+        // What is promised and not used yet counts as available, too.
         let held = self.device.generate_allocator_report().map_or(0, |r| r.total_allocated_bytes);
-        if held + bytes <= host / 10 * 9 {
+        let free = free.min((host / 10 * 9).saturating_sub(held));
+        if bytes <= free {
             return Ok(());
         }
         Err(Error::capacity(
             stage,
             format!(
-                "more than {:.0} MiB of memory are needed, and this machine has {:.0} in all; lower \
-                 the setting it depends on",
-                (held + bytes) as f64 / MIB,
-                host as f64 / MIB
+                "{:.0} MiB of memory are needed, and this machine has {:.0} free; lower the setting it \
+                 depends on",
+                bytes as f64 / MIB,
+                free as f64 / MIB
             ),
         ))
     }
@@ -468,10 +479,10 @@ impl Gpu {
     }
 }
 
-/// Bytes of the host's memory, where the system says.
-fn host_memory() -> Option<u64> {
+/// Bytes of the host's memory, where the system says: a line of what it says.
+fn host_memory(line: &str) -> Option<u64> {
     let info = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = info.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
+    let line = info.lines().find_map(|each| each.strip_prefix(line))?;
     Some(line.split_whitespace().next()?.parse::<u64>().ok()? << 10)
 }
 

@@ -2,7 +2,6 @@
 
 use super::LAYERS;
 use crate::transfer::{CellEntries, Domain, TABLE_ENTRIES, Table};
-use crate::volume::Numbers;
 
 /// Bins of a history: the bits of its mask.
 pub const BINS: usize = 64;
@@ -31,8 +30,8 @@ impl Bins {
     }
 
     /// Equal bins over the entries that data can have: up to 64 labels have a bin each.
-    pub fn of(domain: &Domain, numbers: &Numbers, mark_classes: u32) -> Self {
-        Self::over(domain.used(numbers), mark_classes)
+    pub fn of(domain: &Domain, mark_classes: u32) -> Self {
+        Self::over(domain.used(), mark_classes)
     }
 
     fn over(entries: usize, mark_classes: u32) -> Self {
@@ -42,7 +41,8 @@ impl Bins {
 
     /// The bin of an entry, below [`BINS`]; it never falls from one entry to the next.
     pub fn bin(&self, entry: usize) -> u32 {
-        let bin = (entry as u32 * self.scale >> 16) as i32 + self.after;
+        // Of a volume of one value all entries but one are beyond those in use, far beyond.
+        let bin = ((entry as u64 * u64::from(self.scale)) >> 16) as i32 + self.after;
         bin.clamp(self.low, self.high) as u32
     }
 
@@ -85,6 +85,7 @@ mod tests {
 
     use super::*;
     use crate::transfer::Material;
+    use crate::volume::Numbers;
 
     fn window(low: f64, high: f64) -> Material {
         Material {
@@ -116,7 +117,7 @@ mod tests {
             let span = f64::from(labels - 1);
             let numbers = Numbers { least: 1.0, step: 1.0, span, are_whole: true };
             let domain = Domain::fitting(None, &numbers, &[]);
-            let (map, bins) = (domain.map(&numbers), Bins::of(&domain, &numbers, 1));
+            let (map, bins) = (domain.map(&numbers), Bins::of(&domain, 1));
             let bin = |label: i32| bins.bin(map.entry_of(label as f32));
             assert!((1..labels).all(|label| bin(label) > bin(label - 1)), "{labels} labels");
         }

@@ -17,7 +17,7 @@ use crate::gpu::{Gpu, Progress};
 use crate::split::Split;
 
 /// Slots of the journal, at most: 64 MiB.
-const SLOTS: u32 = 1 << 21;
+pub const SLOTS: u32 = 1 << 21;
 
 /// Bytes of half a slot.
 const HALF: u64 = 16;

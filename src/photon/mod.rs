@@ -19,6 +19,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use self::journal::Journal;
+pub use self::journal::SLOTS as JOURNAL_SLOTS;
 use crate::bits::words;
 use crate::device_scene::lights::Lights;
 use crate::device_scene::{Context, DeviceScene};

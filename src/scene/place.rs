@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use glam::DVec3;
 
 use super::{Camera, CameraPlace, Light, LightKind, Scene};
-use crate::transfer::{Domain, Material, Table, joined};
+use crate::transfer::{Domain, Table};
 use crate::volume::{Numbers, Volume};
 
 /// Mean free paths per smallest voxel spacing beyond which extinction is clamped.
@@ -37,9 +37,6 @@ pub fn effective_majorant(settled: f64, greatest: f64, spacing: DVec3) -> f64 {
     let steps = (greatest / settled).log(HEADROOM).ceil().max(1.0);
     (settled * HEADROOM.powf(steps)).min(extinction_limit(settled, spacing))
 }
-
-/// Share of the voxels at either end that the table's domain need not have.
-const OUTLIERS: f64 = 1e-4;
 
 /// The majorant of a scene without extinction, 1/mm: a Poisson process needs a rate.
 const MIN_MAJORANT: f64 = 1e-6;
@@ -87,7 +84,8 @@ impl Scene {
     /// the flux unit where they are not given. From then on they are frozen.
     ///
     /// The range, which whole numbers that span at most 4095 need not have, is that of the data but
-    /// for a ten thousandth at either end, joined with what materials and edits name.
+    /// for a ten thousandth at either end and for padding far off, joined with what materials and
+    /// edits name.
     ///
     /// The majorant is the greatest extinction of the scene, of each of its edits, and of
     /// all of them made in order, at most four mean free paths per smallest spacing. The
@@ -97,14 +95,7 @@ impl Scene {
         self.place(volume);
         let numbers = volume.numbers();
         if self.settings.range.is_none() && !numbers.are_few() {
-            let ends = volume.quantiles(&[OUTLIERS, 1.0 - OUTLIERS]);
-            let edits = self.edits.iter().map(|edit| &edit.changes);
-            let ramps = edits.clone().flat_map(|changes| &changes.materials);
-            let ramps = ramps.filter_map(|change| change.ramp.clone());
-            let changed = ramps.map(|ramp| Material { ramp, ..Material::neutral() });
-            let added = edits.flat_map(|changes| changes.add_materials.clone());
-            let all: Vec<_> = self.materials.iter().cloned().chain(changed).chain(added).collect();
-            self.settings.range = Some(joined([ends[0], ends[1]], &numbers, &all));
+            self.settings.range = Some(self.derived_range(volume));
         }
         if self.settings.majorant.is_none() {
             let cap = greatest_majorant(volume.spacing());

@@ -26,7 +26,7 @@ use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
 use crate::gpu::run::{Pace, Stage};
 use crate::gpu::work::WorkList;
-use crate::scene::{Rays, Scene};
+use crate::scene::{Estimator, Rays, Scene};
 use crate::split::Split;
 
 shared_struct! {
@@ -98,6 +98,14 @@ const MAX_PARTS: u32 = 1 << 12;
 /// (two words); with the points light field the light is the low words of integer sums, and
 /// two more words hold what is above them.
 pub type Segment = [u32; 8];
+
+/// Bytes of a segment that takes its light from such a field.
+pub fn segment_bytes(estimator: Estimator) -> u64 {
+    match estimator {
+        Estimator::Fluence => 24,
+        Estimator::Points => 32,
+    }
+}
 
 impl SegmentParams {
     /// The part of the camera; the rest is to be told yet.
@@ -190,11 +198,12 @@ impl SegmentMap {
     ) -> Result<Self> {
         let (camera, settings) = (&scene.camera, &scene.settings);
         let light = field.segment_light();
-        let (stride, scale) = match light {
-            SegmentLight::Colour => (6, 1.0),
-            SegmentLight::Sums { scale } => (8, scale),
+        let bytes = segment_bytes(field.estimator());
+        let stride = bytes as usize / 4;
+        let scale = match light {
+            SegmentLight::Colour => 1.0,
+            SegmentLight::Sums { scale } => scale,
         };
-        let bytes = 4 * stride as u64;
         let row = u64::from(camera.width) * u64::from(settings.segments);
         let fit = gpu.max_binding() / bytes / row;
         if fit == 0 {

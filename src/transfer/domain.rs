@@ -12,7 +12,14 @@ pub struct Domain {
     extent: f64,
     offset: f64,
     parts: f64,
+    used: usize,
+    /// What entries are judged above their values.
+    lift: f64,
 }
+
+/// How far beyond a range, in its widths, materials may name values that it is joined with: at most
+/// then it keeps one in 33 entries, 124 of them.
+const REACH: f64 = 16.0;
 
 /// From a voxel's number, as kernels are given it, to a table entry.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,30 +34,50 @@ impl Domain {
     /// Equal parts of a range of values.
     pub fn over([low, high]: [f64; 2]) -> Self {
         let parts = TABLE_ENTRIES as f64;
-        Self { origin: low, extent: high - low, offset: 0.5, parts }
+        let (origin, extent) = (low, high - low);
+        Self { origin, extent, offset: 0.5, parts, used: TABLE_ENTRIES, lift: 0.0 }
     }
 
     /// The value at an entry's centre.
     pub fn value(&self, entry: usize) -> f64 {
-        self.origin + self.extent * ((entry as f64 + self.offset) / self.parts)
+        self.origin + self.extent * ((entry as f64 + self.offset) / self.parts) + self.lift
     }
 
-    /// The domain of whole numbers up to `span`: each is an entry's centre, and as many entries as fit
-    /// lie between neighbours.
-    fn whole(numbers: &Numbers) -> Self {
-        let between = ((TABLE_ENTRIES - 1) as f64 / numbers.span.max(1.0)).floor();
-        Self { origin: numbers.least, extent: numbers.step, offset: 0.0, parts: between }
+    /// The domain of the whole numbers from `low` to `high`, which are fewer than entries: each is an
+    /// entry's centre, and as many entries as fit lie between neighbours.
+    fn whole([low, high]: [f64; 2], numbers: &Numbers) -> Self {
+        let parts = ((TABLE_ENTRIES - 1) as f64 / (high - low).max(1.0)).floor();
+        // A file's slope of 0.7 is a little less, and label 3 a little below the 2.1 of a window.
+        let is_exact = (numbers.step * 4096.0).fract() == 0.0;
+        let lift = if is_exact { 0.0 } else { numbers.step / 2048.0 };
+        Self {
+            origin: numbers.least + numbers.step * low,
+            extent: numbers.step,
+            offset: 0.0,
+            parts,
+            used: ((high - low) * parts) as usize + 1,
+            lift,
+        }
     }
 
     /// The domain that suits a volume's numbers: every whole number, if there are few enough; else
-    /// `range`, or all there are, joined with the values that materials name.
+    /// `range`, or all there are, joined with the values that materials name. What lies outside is
+    /// told by the outermost entries, which are beyond the ends of all ramps.
     pub fn fitting(range: Option<[f64; 2]>, numbers: &Numbers, materials: &[Material]) -> Self {
-        let data = [numbers.least, numbers.least + numbers.step * numbers.span];
+        let data = numbers.range();
         let Some(range) = range else {
-            return if numbers.are_few() { Self::whole(numbers) } else { Self::over(data) };
+            let all = [0.0, numbers.span];
+            return if numbers.are_few() { Self::whole(all, numbers) } else { Self::over(data) };
         };
         let [low, high] = joined(range, numbers, materials);
-        // What lies outside is told by the outermost entries: beyond the ends of all ramps.
+        if numbers.are_whole {
+            let number = |value: f64| (value - numbers.least) / numbers.step;
+            let ends = [number(low).floor() - 1.0, number(high).ceil() + 1.0];
+            let [first, last] = ends.map(|n| n.clamp(0.0, numbers.span));
+            if last - first < TABLE_ENTRIES as f64 {
+                return Self::whole([first, last], numbers);
+            }
+        }
         let margin = (high - low) / (TABLE_ENTRIES - 2) as f64;
         Self::over([
             if data[0] < low { low - margin } else { low },
@@ -63,12 +90,9 @@ impl Domain {
         self.extent / self.parts
     }
 
-    /// Entries in use: those from the first on that data can have.
-    pub fn used(&self, numbers: &Numbers) -> usize {
-        match self.offset == 0.0 {
-            true => numbers.span as usize * self.parts as usize + 1,
-            false => TABLE_ENTRIES,
-        }
+    /// Entries in use: those from the first on that stand for data, outliers aside.
+    pub fn used(&self) -> usize {
+        self.used
     }
 
     /// The map for a volume's numbers.
@@ -85,22 +109,30 @@ impl Domain {
 }
 
 /// A range that also has the values at which materials begin, change and end, as far as there are
-/// data. Where a ramp is level out to a far end, that end says nothing: it is often just large.
+/// data and as these are near enough to leave entries for the range. Where a ramp is level out to an
+/// end that is farther off than the range is wide, that end says nothing: it is often just large.
 pub fn joined(range: [f64; 2], numbers: &Numbers, materials: &[Material]) -> [f64; 2] {
-    let data = [numbers.least, numbers.least + numbers.step * numbers.span];
+    let data = numbers.range();
+    let width = range[1] - range[0];
+    let within = |widths: f64, value: f64| {
+        width == 0.0 || (range[0] - widths * width..=range[1] + widths * width).contains(&value)
+    };
     let named = materials.iter().flat_map(|material| {
         let ramp = &material.ramp[..];
         let inner = match ramp {
-            [.., a, b] if a[1] == b[1] && b[0] > range[1] => &ramp[..ramp.len() - 1],
+            [.., a, b] if a[1] == b[1] && b[0] > range[1] && !within(1.0, b[0]) => {
+                &ramp[..ramp.len() - 1]
+            }
             _ => ramp,
         };
         match inner {
-            [a, b, ..] if a[1] == b[1] && a[0] < range[0] => &inner[1..],
+            [a, b, ..] if a[1] == b[1] && a[0] < range[0] && !within(1.0, a[0]) => &inner[1..],
             _ => inner,
         }
     });
     let named = named.map(|point| point[0].clamp(data[0], data[1]));
-    named.fold(range, |[a, b], v| [a.min(v), b.max(v)])
+    let near = named.filter(|&value| within(REACH, value));
+    near.fold(range, |[a, b], v| [a.min(v), b.max(v)])
 }
 
 impl EntryMap {

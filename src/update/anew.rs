@@ -83,6 +83,11 @@ impl Parts {
         }
     }
 
+    /// All of them.
+    pub fn all() -> Self {
+        Self { constants: true, paths: true, slots: true, field: true, bands: true, dirty: true }
+    }
+
     /// Whether there is any.
     pub fn any(self) -> bool {
         self != Self::default()

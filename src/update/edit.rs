@@ -2,6 +2,7 @@
 //! touches; what does not depend on other settings is kept.
 
 use super::anew::Parts;
+use super::memory::{self, Making};
 use super::{PhotonFrame, Scope, light_ids};
 use crate::device_scene::Context;
 use crate::device_scene::lights::{Light, Lights};
@@ -45,6 +46,11 @@ impl PhotonFrame {
         }
         let lights = Lights::of(scene, &self.scene.local_from_world)?;
         scene.camera.rays(&self.scene.local_from_world)?;
+        // What the frame has stays until the new is there.
+        let parts_to_make = self.missing.and(parts);
+        let photons = self.photons_to_make(scene, &lights, parts_to_make);
+        let making = Making { photons, estimator: estimators[1], parts: parts_to_make };
+        memory::check(gpu, &memory::needs(scene, &self.scene, making))?;
         let result = self.apply(gpu, scene, table, lights, parts, split);
         if result.is_err() {
             (self.fresh, self.pending) = (true, true);
@@ -107,6 +113,18 @@ impl PhotonFrame {
         let touched = relit || moved || repainted || !change.is_empty();
         self.pending |= touched;
         Ok(if touched { Scope::Part } else { Scope::Nothing })
+    }
+
+    /// Photons that there are no slots for yet.
+    fn photons_to_make(&self, scene: &Scene, lights: &Lights, parts: Parts) -> u64 {
+        let has = |id: u32, photons: u32| {
+            let own = self.map.batches.iter().filter(|batch| batch.light_id == id);
+            !parts.slots && own.map(|batch| batch.photons).sum::<u32>() == photons
+        };
+        let all = scene.lights.iter().zip(&lights.all);
+        all.filter(|(light, record)| !has(light.id, record.photons))
+            .map(|(_, record)| u64::from(record.photons))
+            .sum()
     }
 
     /// Has room for what other settings need. What cannot be had stays missing.

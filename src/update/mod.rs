@@ -13,8 +13,10 @@
 
 mod anew;
 mod edit;
+mod memory;
 
 use self::anew::Parts;
+use self::memory::Making;
 use crate::device_scene::{Context, DeviceScene};
 use crate::error::Result;
 use crate::field::dirty::Dirty;
@@ -151,6 +153,10 @@ impl PhotonFrame {
     /// Memory does not suffice, or the estimator does not suit the scene.
     pub fn new(gpu: &Gpu, scene: &Scene, device: DeviceScene, split: &Split) -> Result<Self> {
         let settings = &scene.settings;
+        let estimator = field::estimator(settings, &device.table)?;
+        let photons = device.lights.photons.into();
+        let making = Making { photons, estimator, parts: Parts::all() };
+        memory::check(gpu, &memory::needs(scene, &device, making))?;
         let field = field::new(gpu, &device, settings, split)?;
         Ok(Self {
             dirty: Dirty::new(gpu, &device, field.reach(), settings.spatial)?,

@@ -73,6 +73,11 @@ impl Numbers {
     pub fn are_few(&self) -> bool {
         self.are_whole && self.span < 4096.0
     }
+
+    /// Least and greatest physical value.
+    pub fn range(&self) -> [f64; 2] {
+        [self.least, self.least + self.step * self.span]
+    }
 }
 
 /// A scalar volume. World frame: millimetres, left-posterior-superior.

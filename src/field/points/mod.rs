@@ -34,7 +34,7 @@ use crate::scene::{Estimator, Settings, Weighting};
 use crate::split::Split;
 
 /// Buckets of a table, at most: 32 MiB, and as much again for points that changed.
-const MAX_BUCKETS: u32 = 1 << 22;
+pub const MAX_BUCKETS: u32 = 1 << 22;
 /// Points of which a work group finds means.
 pub const MEAN_BLOCK: u32 = 512;
 
