@@ -496,7 +496,7 @@ fn parsed(settings: &str) -> photogram::Result<Scene> {
 fn a_range_is_checked_kept_and_honoured() {
     for wrong in ["[10, 5]", "[5, 5]", "[0, inf]", "[nan, 1]", "[-1e308, 1e308]", "[1]", "7"] {
         let refused = parsed(&format!("range = {wrong}\n")).expect_err(wrong).to_string();
-        assert!(refused.contains("test.toml:11") && refused.contains("`range`"), "{refused}");
+        assert!(refused.contains("test.toml:12") && refused.contains("`range`"), "{refused}");
     }
     let floats: Vec<f32> = (0..COUNT).map(|n| 1000.0 * noise(n) as f32).collect();
     let floats = volume(floats);
@@ -523,7 +523,7 @@ fn a_range_is_checked_kept_and_honoured() {
     let (domain, map) = (scene.domain(&whole), scene.domain(&whole).map(&whole.numbers()));
     assert!(domain.step() < 0.01);
     for n in 9..=21_u8 {
-        assert_eq!(domain.value(map.entry_of(n.into())), n.into());
+        assert_eq!(domain.value(map.entry_of(f32::from(n))), f64::from(n));
     }
     assert!(domain.value(map.entry_of(0.0)) < 10.0 && domain.value(map.entry_of(999.0)) > 20.0);
 }
@@ -534,6 +534,8 @@ fn edits_beyond_domain_and_majorant_equal_a_fresh_frame() {
         let (mut scene, volume) = world::world(estimator, Weighting::Even, Filter::Linear);
         let all = volume.range();
         scene.settings.range = Some([-100.0, 500.0]);
+        scene.settings.majorant = Some(0.5);
+        (scene.materials[1].extinction, scene.materials[2].extinction) = (0.2, 0.25);
         scene.materials[2].ramp = vec![[420.0, 0.0], [480.0, 1.0], [5000.0, 1.0]];
         let before = scene.domain(&volume);
         let split = Split::default();
@@ -544,7 +546,7 @@ fn edits_beyond_domain_and_majorant_equal_a_fresh_frame() {
         beyond.materials[0].ramp = vec![[-900.0, 1.0], [600.0, 0.0], [900.0, 1.0], [all[1], 0.0]];
         assert_ne!(beyond.domain(&volume), before, "another domain");
         let mut dense = beyond.clone();
-        dense.materials[1].extinction = 3.3;
+        dense.materials[1].extinction = 1.0;
         for (what, next) in [("beyond", &beyond), ("denser", &dense), ("back", &scene)] {
             let (scope, done) = world::update(&mut frame, next, &split);
             assert!(matches!(scope, Scope::Anew(anew) if anew.photons), "{what}: {scope:?}");

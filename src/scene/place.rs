@@ -95,7 +95,7 @@ impl Scene {
         self.place(volume);
         let numbers = volume.numbers();
         if self.settings.range.is_none() && !numbers.are_few() {
-            self.settings.range = Some(self.derived_range(volume));
+            self.settings.range = self.derived_range(volume);
         }
         if self.settings.majorant.is_none() {
             let cap = greatest_majorant(volume.spacing());

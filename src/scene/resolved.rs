@@ -1,5 +1,7 @@
 //! What the transfer function's table resolves of a scene's materials in a volume.
 
+use std::ops::RangeInclusive;
+
 use super::{Filter, Scene};
 use crate::error::{Error, Result};
 use crate::transfer::{Domain, Material, TABLE_ENTRIES, joined, ramp_weight};
@@ -13,6 +15,9 @@ const OUTLIERS: f64 = 1e-4;
 
 /// Values far from the others that it need not have either, however many voxels have them.
 const MOST_PADDINGS: usize = 4;
+
+/// How far those must be, in widths of the range of the others.
+const FAR: f64 = 4.0;
 
 impl Scene {
     /// What must be said of materials that cannot look as they are meant to: those that no value of
@@ -31,8 +36,8 @@ impl Scene {
             return Ok(());
         }
         let domain = self.domain(volume);
-        let is_thin = |m: &&Material| m.is_visible() && m.width() < grain(m, &domain, volume);
-        let thin = self.materials.iter().find(is_thin);
+        let mut told = self.materials.iter().filter(|m| m.is_visible());
+        let thin = told.find(|m| thin(m, &domain, volume).is_some());
         let Some((thin, levels)) = thin.zip(volume.levels(LABELS)) else { return Ok(()) };
         let [low, high] = volume.range();
         Err(Error::setting(format!(
@@ -46,8 +51,9 @@ impl Scene {
     }
 
     /// The range of values that the table is to resolve, where data have too many for all of them:
-    /// where [nearly all](Ends) lie, joined with what materials and edits name.
-    pub(super) fn derived_range(&self, volume: &Volume) -> [f64; 2] {
+    /// where [nearly all](Ends) lie, joined with what materials and edits name. `None` where that is
+    /// one value.
+    pub(super) fn derived_range(&self, volume: &Volume) -> Option<[f64; 2]> {
         let numbers = volume.numbers();
         let edits = self.edits.iter().map(|edit| &edit.changes);
         let ramps = edits.clone().flat_map(|changes| &changes.materials);
@@ -72,12 +78,13 @@ impl Scene {
             let Some(inner) = above.or(below) else { break };
             range = inner;
         }
-        joined(range, &numbers, &all)
+        let range = joined(range, &numbers, &all);
+        (range[0] < range[1]).then_some(range)
     }
 }
 
 /// Where nearly all voxels of a volume lie: all but a ten thousandth at either end, and but those of
-/// one value, padding say, that is farther from the others than these are from each other.
+/// one value, padding say, that is far from the others.
 struct Ends<'a> {
     volume: &'a Volume,
     voxels: usize,
@@ -126,7 +133,7 @@ impl Ends<'_> {
         let after = self.count([self.volume.range()[0], low]);
         let next = after + Self::outliers(self.voxels - after);
         let [next, _] = (next < self.voxels).then(|| self.between(next, 0))?;
-        (next < high && next - low > high - next).then_some([next, high])
+        (next < high && next - low > FAR * (high - next)).then_some([next, high])
     }
 
     /// The same at the other end.
@@ -134,7 +141,7 @@ impl Ends<'_> {
         let before = self.count([high, self.volume.range()[1]]);
         let next = before + Self::outliers(self.voxels - before);
         let [_, next] = (next < self.voxels).then(|| self.between(0, next))?;
-        (low < next && high - next > next - low).then_some([low, next])
+        (low < next && high - next > FAR * (next - low)).then_some([low, next])
     }
 }
 
@@ -150,6 +157,19 @@ fn grain(material: &Material, domain: &Domain, volume: &Volume) -> f64 {
     }
 }
 
+/// What a material's width falls short of, beyond what rounding may take of it.
+fn thin(material: &Material, domain: &Domain, volume: &Volume) -> Option<f64> {
+    let grain = grain(material, domain, volume);
+    (material.width() < 0.999 * grain).then_some(grain)
+}
+
+/// The entries of the table that values of the data may go to.
+pub(super) fn met(domain: &Domain, volume: &Volume) -> RangeInclusive<usize> {
+    let numbers = volume.numbers();
+    let map = domain.map(&numbers);
+    map.entry_of(0.0)..=map.entry_of(numbers.span as f32)
+}
+
 /// The values that a material is for, as people write them.
 fn span(material: &Material) -> String {
     let ends = [material.ramp.first(), material.ramp.last()].map(|p| p.map_or(0.0, |p| p[0]));
@@ -158,13 +178,10 @@ fn span(material: &Material) -> String {
 
 fn unresolved(material: &Material, domain: &Domain, volume: &Volume) -> Option<String> {
     let [low, high] = volume.range();
-    let half = 0.5 * domain.step();
-    let in_data = (0..TABLE_ENTRIES).map(|entry| domain.value(entry));
-    let mut in_data = in_data.filter(|v| (low - half..=high + half).contains(v));
     let (name, span) = (&material.name, span(material));
-    let grain = grain(material, domain, volume);
-    if in_data.any(|value| ramp_weight(&material.ramp, value) > 0.0) {
-        return (material.width() < grain).then(|| {
+    let mut met = met(domain, volume).map(|entry| domain.value(entry));
+    if met.any(|value| ramp_weight(&material.ramp, value) > 0.0) {
+        return thin(material, domain, volume).map(|grain| {
             format!(
                 "material `{name}` ({span}) is thinner than what is told apart there, which is {grain}: \
                  set `range` in [settings] to the values that matter, and crop outliers"

@@ -1,5 +1,6 @@
 //! A scene and its volume: loading it, shrinking both together, and whether they fit.
 
+use super::resolved::met;
 use super::{Method, Scale, Scene, VolumeSource};
 use crate::error::{Error, Result};
 use crate::transfer::Table;
@@ -84,8 +85,11 @@ impl Scene {
                  its rays cannot be told apart; move it nearer, or raise `fov_deg` or `step`"
             )));
         }
-        if !Table::build(&self.materials, &self.domain(volume), None).is_empty() {
-            return self.check_labels(volume);
+        self.check_labels(volume)?;
+        let domain = self.domain(volume);
+        let table = Table::build(&self.materials, &domain, None);
+        if met(&domain, volume).any(|entry| !table.is_empty_entry(entry)) {
+            return Ok(());
         }
         Err(Error::setting(format!(
             "the transfer function is empty: no material has extinction or emission over the \

@@ -21,6 +21,9 @@ pub struct Domain {
 /// then it keeps one in 33 entries, 124 of them.
 const REACH: f64 = 16.0;
 
+/// How far beyond it the ends of what is level out to them may be.
+const LEVEL_REACH: f64 = 4.0;
+
 /// From a voxel's number, as kernels are given it, to a table entry.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EntryMap {
@@ -110,7 +113,7 @@ impl Domain {
 
 /// A range that also has the values at which materials begin, change and end, as far as there are
 /// data and as these are near enough to leave entries for the range. Where a ramp is level out to an
-/// end that is farther off than the range is wide, that end says nothing: it is often just large.
+/// end that is far off, that end says nothing: it is often just large.
 pub fn joined(range: [f64; 2], numbers: &Numbers, materials: &[Material]) -> [f64; 2] {
     let data = numbers.range();
     let width = range[1] - range[0];
@@ -120,13 +123,15 @@ pub fn joined(range: [f64; 2], numbers: &Numbers, materials: &[Material]) -> [f6
     let named = materials.iter().flat_map(|material| {
         let ramp = &material.ramp[..];
         let inner = match ramp {
-            [.., a, b] if a[1] == b[1] && b[0] > range[1] && !within(1.0, b[0]) => {
+            [.., a, b] if a[1] == b[1] && b[0] > range[1] && !within(LEVEL_REACH, b[0]) => {
                 &ramp[..ramp.len() - 1]
             }
             _ => ramp,
         };
         match inner {
-            [a, b, ..] if a[1] == b[1] && a[0] < range[0] && !within(1.0, a[0]) => &inner[1..],
+            [a, b, ..] if a[1] == b[1] && a[0] < range[0] && !within(LEVEL_REACH, a[0]) => {
+                &inner[1..]
+            }
             _ => inner,
         }
     });

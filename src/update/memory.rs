@@ -108,7 +108,7 @@ pub(super) fn check(gpu: &Gpu, needs: &[Need]) -> Result<()> {
     let largest = needs.iter().max_by_key(|need| need.bytes);
     let free = gpu.free_bytes().unwrap_or(u64::MAX);
     if let Some(largest) = largest.filter(|_| needed > free) {
-        let mut sorted: Vec<_> = needs.iter().collect();
+        let mut sorted: Vec<_> = needs.iter().filter(|n| n.bytes > needed / 100).collect();
         sorted.sort_by_key(|need| std::cmp::Reverse(need.bytes));
         let each = sorted.iter().map(|n| format!("{} for {}", bytes(n.bytes), n.what));
         return Err(Error::capacity(
