@@ -21,6 +21,8 @@ mod files;
 mod place;
 #[path = "cases/read.rs"]
 mod read;
+#[path = "cases/table.rs"]
+mod table;
 
 /// The ramp as NRRD of 5 x 4 x 3 voxels of 1 x 2 x 3 mm.
 fn scan() -> Vec<u8> {

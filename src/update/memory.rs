@@ -4,7 +4,7 @@
 //! | part | bytes |
 //! |---|---|
 //! | photons | for each event of a photon a slot of 32 and marks of 1/4; for each photon 8 1/8 in lists |
-//! | journal | as many slots again, at most 2^21, and 24 for each photon of them |
+//! | journal | as many slots again, at most 2^21, and 13 for each photon of them |
 //! | fluence | 56 for each cell: three sums, two textures |
 //! | points | 44 for each slot if all hold a photon, 52 with histories; 8 for each cell, at most 32 MiB |
 //! | segments | 24 each, 32 from points, and 4 1/8 in lists |
@@ -61,7 +61,7 @@ pub(super) fn needs(scene: &Scene, device: &DeviceScene, making: Making) -> Vec<
         let bytes = slots * SLOT_BYTES + marks + lists;
         needs.push(Need { part: "photons", what, bytes, piece: events * SLOT_BYTES / 2 });
         let kept = photons.min((u64::from(JOURNAL_SLOTS) / events).max(1));
-        let bytes = kept * events * SLOT_BYTES + 24 * kept;
+        let bytes = kept * events * SLOT_BYTES + 13 * kept;
         let what = format!("the old slots of {kept} of them");
         needs.push(Need { part: "journal", what, bytes, piece: 0 });
     }
