@@ -265,6 +265,24 @@ impl Volume {
         self.given(self.index(i, j, k))
     }
 
+    /// The same bounds with at most `most` voxels along an axis, each one of those that there are. Its
+    /// numbers mean what they mean here.
+    pub(crate) fn thumbnail(&self, most: u32) -> Self {
+        let size = self.size.map(|n| n.min(most));
+        let from = |at: u32, axis: usize| at * self.size[axis] / size[axis];
+        let places = (0..size[2])
+            .flat_map(|k| (0..size[1]).flat_map(move |j| (0..size[0]).map(move |i| [i, j, k])));
+        let places = places.map(|[i, j, k]| self.index(from(i, 0), from(j, 1), from(k, 2)));
+        let voxels = match &self.voxels {
+            Voxels::U8(data) => Voxels::U8(places.map(|at| data[at]).collect()),
+            Voxels::U16(data) => Voxels::U16(places.map(|at| data[at]).collect()),
+            Voxels::F32(data) => Voxels::F32(places.map(|at| data[at]).collect()),
+        };
+        let spacing = self.extent() / DVec3::from(size.map(f64::from));
+        let origin = self.corner() + self.axes * (0.5 * spacing);
+        Self { size, spacing, origin, voxels, ..self.clone() }
+    }
+
     /// How many voxels lie in each of `bins` equal parts of the range.
     pub fn histogram(&self, bins: usize) -> Vec<u64> {
         // Shares large enough that a histogram each costs nothing.
