@@ -389,15 +389,21 @@ fn orthonormal(mut axes: DMat3) -> Result<DMat3> {
     Ok(axes)
 }
 
+/// Where a volume is: what [`Volume::new`] asks for.
+struct Placement {
+    spacing: DVec3,
+    axes: DMat3,
+    origin: DVec3,
+}
+
 /// Splits direction vectors, mm a voxel, into spacing and unit axes.
-fn spacing_and_axes(directions: DMat3) -> (DVec3, DMat3) {
+fn placement(directions: DMat3, origin: DVec3) -> Placement {
     let columns = [directions.x_axis, directions.y_axis, directions.z_axis];
     let spacing = DVec3::from(columns.map(DVec3::length));
     // A column of zeros has no direction: its spacing is what gets refused, with NaN here.
-    (
-        spacing,
-        DMat3::from_cols(columns[0] / spacing.x, columns[1] / spacing.y, columns[2] / spacing.z),
-    )
+    let axes =
+        DMat3::from_cols(columns[0] / spacing.x, columns[1] / spacing.y, columns[2] / spacing.z);
+    Placement { spacing, axes, origin }
 }
 
 /// What a reader found wrong in a file, before the path is added.
