@@ -247,8 +247,8 @@ impl DeviceScene {
         gpu.check("scene").map(|()| device)
     }
 
-    /// Takes a scene of other constants (its majorant, seed, step, the table's domain and what is
-    /// compiled in): all but the volume is as if it were new, and everything is to be computed.
+    /// Takes a scene of other constants: its majorant, seed, step, the table's domain, and what is
+    /// compiled in. All but the volume is as if it were new. `query` is that of [`Self::edit`].
     ///
     /// # Errors
     /// The majorant is out of proportion, or the device failed.
@@ -258,6 +258,7 @@ impl DeviceScene {
         scene: &Scene,
         table: Table,
         lights: Lights,
+        query: &Query,
     ) -> Result<()> {
         let setup = Setup::of(scene, &self.grid, self.own_bins)?;
         (self.params, self.domain, self.bins) = (setup.params, setup.domain, setup.bins);
@@ -267,7 +268,7 @@ impl DeviceScene {
         self.write_masks(gpu);
         // What the layers are of is told anew.
         self.opened.clear();
-        self.edit(gpu, table, lights, &Query::default())
+        self.edit(gpu, table, lights, query)
     }
 
     /// Whether another scene has its photons meet the same tentative collisions: its majorant and the
