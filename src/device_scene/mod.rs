@@ -206,7 +206,7 @@ impl DeviceScene {
         let setup = Setup::of(scene, &grid, storage.bins)?;
         let nearest = scene.filter == Filter::Nearest;
         let squares = !nearest && bytes_of_squares(volume) <= storage.max_squares;
-        let (volume_view, volume_bytes) = upload(gpu, volume, squares)?;
+        let uploaded = upload(gpu, volume, squares)?;
         let query = Query::default();
         // What each cell has is found below.
         let mut tracking = optics_of(&setup.table, &query);
@@ -224,8 +224,8 @@ impl DeviceScene {
                 .upload("layers", &layers_of_spans(&setup.table, &query, setup.params.majorant))?,
             find_layers: gpu.kernel("layers", &[])?,
             lights_buffer: gpu.upload("lights", &[lights])?,
-            volume: volume_view,
-            volume_bytes,
+            volume: uploaded.view,
+            volume_bytes: uploaded.bytes,
             nearest,
             squares,
             float_voxels: matches!(volume.voxels(), Voxels::F32(_)),

@@ -42,7 +42,7 @@ impl Bins {
 
     /// The bin of an entry, below [`BINS`]; it never falls from one entry to the next.
     pub fn bin(&self, entry: usize) -> u32 {
-        let bin = (entry as u32 * self.scale >> 16) as i32 + self.after;
+        let bin = ((entry as u32 * self.scale) >> 16) as i32 + self.after;
         bin.clamp(self.low, self.high) as u32
     }
 

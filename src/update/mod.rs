@@ -13,6 +13,7 @@
 
 mod anew;
 mod edit;
+mod warm;
 
 use self::anew::Parts;
 use crate::device_scene::{Context, DeviceScene};
@@ -28,6 +29,7 @@ use crate::segment::{Computed, SegmentMap, Sources};
 use crate::split::Split;
 
 pub use anew::Anew;
+pub use warm::warm;
 
 /// What an edit can reach.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]

@@ -24,15 +24,19 @@ pub(crate) fn bytes_of_squares(volume: &Volume) -> u64 {
     4 * bytes as u64
 }
 
-/// Uploads a volume, voxel by voxel or in squares. Returns also how many bytes that takes.
+/// A volume on the device.
+pub(crate) struct Uploaded {
+    /// As kernels see it.
+    pub view: wgpu::TextureView,
+    /// How many bytes it takes.
+    pub bytes: u64,
+}
+
+/// Uploads a volume, voxel by voxel or in squares.
 ///
 /// # Errors
 /// It is too large for the adapter.
-pub(crate) fn upload(
-    gpu: &Gpu,
-    volume: &Volume,
-    squares: bool,
-) -> Result<(wgpu::TextureView, u64)> {
+pub(crate) fn upload(gpu: &Gpu, volume: &Volume, squares: bool) -> Result<Uploaded> {
     let [width, height, depth] = volume.size();
     if volume.size().iter().any(|&n| n > gpu.max_edge()) {
         return Err(Error::capacity(
@@ -88,7 +92,7 @@ pub(crate) fn upload(
         );
     }
     gpu.check("volume")?;
-    Ok((texture.create_view(&Default::default()), bytes))
+    Ok(Uploaded { view: texture.create_view(&Default::default()), bytes })
 }
 
 /// Each voxel of a slab with those at x + 1, at y + 1 and at both, or the last there is.
