@@ -15,6 +15,7 @@ use photogram::gpu::{AdapterChoice, Progress};
 use photogram::measure;
 use photogram::scene::{Scale, Scene, VolumeSource};
 use photogram::split::Split;
+use photogram::update::warm;
 use photogram::volume::{self, Volume, phantom};
 
 const FACTORS: [f64; 7] = [0.1, 0.25, 0.5, 0.9, 1.1, 2.0, 4.0];
@@ -39,6 +40,8 @@ fn main() -> Result<()> {
 
     let gpu = photogram::open(&AdapterChoice::Best)?;
     let silent = &mut Progress::silent();
+    // Else the first update would wait for kernels to be compiled.
+    warm(&gpu, &scene, &volume, silent)?;
     let mut frame = measure::fresh(&gpu, &scene, &volume)?;
     frame.rebuild(&gpu, &Split::default(), silent)?;
 
