@@ -115,6 +115,18 @@ pub struct Updated {
     pub counts: Counters,
 }
 
+impl Updated {
+    /// Photons with a flight that was traced again, of all, in percent.
+    pub fn retraced_percent(&self) -> f64 {
+        100.0 * self.counts.invalid as f64 / self.photons.max(1) as f64
+    }
+
+    /// Segments computed again, of all, in percent.
+    pub fn recomputed_percent(&self) -> f64 {
+        100.0 * self.recomputed as f64 / self.segments.max(1) as f64
+    }
+}
+
 /// Everything that the photon map of one scene keeps on the device.
 pub struct PhotonFrame {
     /// The scene.

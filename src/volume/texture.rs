@@ -1,7 +1,8 @@
 //! A volume as the texture that kernels look it up in: its size is not bound by a binding's.
 //!
 //! Under linear filtering a look-up wants eight voxels, which is what most of the time of tracing
-//! would go to. So each texel holds a square of four, and two do.
+//! would go to. So each texel holds a square of four, and two do. Pairs of voxels take half of that
+//! memory and were slower.
 
 use std::borrow::Cow;
 
