@@ -20,7 +20,7 @@ pub fn open(choice: &AdapterChoice) -> Result<Gpu> {
 }
 
 /// All kernels.
-pub static LIBRARY: Library = Library { sources: &SOURCES, kernels: KERNELS, constants: CONSTANTS };
+pub static LIBRARY: Library = Library::new(&SOURCES, KERNELS, CONSTANTS);
 
 const CONSTANTS: &[(&str, u32)] = &[
     ("GROUP", gpu::GROUP),

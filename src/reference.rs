@@ -39,6 +39,14 @@ const ALL_EVENTS: u32 = 100_000;
 /// Samples that one dispatch adds to each pixel.
 const SAMPLES_AT_ONCE: u32 = 8;
 
+/// What the samples so far say of an image.
+pub struct Estimate {
+    /// Their mean.
+    pub mean: Image,
+    /// The standard error of each pixel of it.
+    pub error: Image,
+}
+
 /// A reference image in the making.
 pub struct Reference {
     params: SegmentParams,
@@ -161,7 +169,7 @@ impl Reference {
     ///
     /// # Errors
     /// The device failed.
-    pub fn image(&self, gpu: &Gpu) -> Result<(Image, Image)> {
+    pub fn image(&self, gpu: &Gpu) -> Result<Estimate> {
         let means = gpu.read::<[f32; 4]>("reference means", &self.means)?;
         let deviations = gpu.read::<[f32; 4]>("reference deviations", &self.deviations)?;
         let n = f64::from(self.path.first_sample);
@@ -170,10 +178,10 @@ impl Reference {
         let rgb = |data: Vec<[f32; 4]>, f: &dyn Fn(f32) -> f32| -> Vec<[f32; 3]> {
             data.into_iter().map(|[r, g, b, _]| [f(r), f(g), f(b)]).collect()
         };
-        Ok((
-            Image { width, height, rgb: rgb(means, &|x| x) },
-            Image { width, height, rgb: rgb(deviations, &error) },
-        ))
+        Ok(Estimate {
+            mean: Image { width, height, rgb: rgb(means, &|x| x) },
+            error: Image { width, height, rgb: rgb(deviations, &error) },
+        })
     }
 
     /// Bytes of its film.

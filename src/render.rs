@@ -9,7 +9,7 @@ use crate::gpu::counter::Counters;
 use crate::gpu::run::{Timing, milliseconds};
 use crate::gpu::{Gpu, Progress};
 use crate::photon::SLOT_BYTES;
-use crate::reference::Reference;
+use crate::reference::{Estimate, Reference};
 use crate::scene::{Method, Scene};
 use crate::split::Split;
 use crate::update::PhotonFrame;
@@ -114,7 +114,7 @@ pub fn render(
         report.method = if scene.settings.method == Method::Mcvr { "mcvr" } else { "reference" };
         report.rays = scene.settings.samples;
         report.bytes.push(("film", reference.bytes()));
-        let (image, error) = reference.image(gpu)?;
+        let Estimate { mean: image, error } = reference.image(gpu)?;
         (image, Some(error))
     };
     report.stages = gpu.take_timings()?.rows().to_vec();

@@ -161,6 +161,6 @@ fn what_is_no_scan_and_what_is_no_change() {
     #[cfg(unix)]
     {
         std::os::unix::fs::symlink(place.path("volume.nrrd"), place.path("link.toml")).unwrap();
-        refuses(&["scene", "volume.nrrd", "-o", "link.toml"], "is read or written already");
+        refuses(&["scene", "volume.nrrd", "-o", "link.toml"], "which is read");
     }
 }

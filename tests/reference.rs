@@ -23,7 +23,8 @@ fn reference(scene: &Scene, volume: &Volume, samples: u32) -> (Image, Image) {
     let device = DeviceScene::new(gpu(), scene, volume).expect("uploads");
     let mut reference = Reference::new(gpu(), scene, &device).expect("fits");
     reference.add(gpu(), &device, samples, &mut Progress::silent()).expect("traces");
-    reference.image(gpu()).expect("reads")
+    let estimate = reference.image(gpu()).expect("reads");
+    (estimate.mean, estimate.error)
 }
 
 /// Mean and squared standard error over some pixels, and the sum that Welch and

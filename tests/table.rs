@@ -15,7 +15,6 @@ use photogram::volume::{Values, Volume};
 use common::snapshot::difference;
 use common::{gpu, rendered, scene_over, world};
 
-#[allow(dead_code)]
 mod common;
 
 const SIZE: [u32; 3] = [20, 12, 12];

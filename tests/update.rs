@@ -116,7 +116,7 @@ fn abandon(frame: &mut PhotonFrame, scene: &Scene, split: &Split, dice: &mut Dic
 /// What the random edits have met.
 #[derive(Debug, Default)]
 struct Coverage {
-    /// Edits of each class that had a part of all computed anew.
+    /// Edits of each class that had a part of all computed anew, or stages of which settings changed.
     classes: BTreeMap<&'static str, u64>,
     /// Edits that had anything computed anew, with the fluence and with points.
     fields: [u64; 2],
@@ -162,6 +162,9 @@ impl Coverage {
             Scope::Everything(_) => 2,
             Scope::Anew(_) => 3,
         }] += 1;
+        if matches!(scope, Scope::Part | Scope::Anew(_)) {
+            *self.classes.entry(class).or_default() += 1;
+        }
         if scope == Scope::Part {
             self.invalid += done.counts.invalid;
             self.reweighed += done.counts.reweighed;
@@ -171,7 +174,6 @@ impl Coverage {
             self.recomputed += done.recomputed;
             assert!(done.recomputed <= done.segments, "a segment was computed twice");
             self.untouched_segments += done.segments - done.recomputed;
-            *self.classes.entry(class).or_default() += 1;
             self.corrected += done.corrected;
             // Were each list as short as a group, all would have no more together.
             let many = u64::from(GROUP) * frame.map.batches.len() as u64;

@@ -22,14 +22,14 @@ struct Gathered {
     tested: u32,
 }
 
-struct Query {
+struct Lookup {
     point: vec3<f32>,
     weight: f32,
     toward: vec3<f32>,
 }
 
 // Light that is too far counts as none, and is looked up all the same: not to would take longer.
-fn with_point(i: u32, q: Query, so_far: Gathered) -> Gathered {
+fn with_point(i: u32, q: Lookup, so_far: Gathered) -> Gathered {
     let light = point_lights[i];
     let away = bitcast<vec3<f32>>(point_places[i].xyz) - q.point;
     let is_near = dot(away, away) < field.radius * field.radius;
@@ -43,7 +43,7 @@ struct Share {
 }
 
 // What a point of this light and direction adds.
-fn share_of(light: vec4<f32>, i: u32, q: Query) -> Share {
+fn share_of(light: vec4<f32>, i: u32, q: Lookup) -> Share {
     var share = light.rgb * q.weight;
     @if(anisotropic) {
         share *= phase(light.a, dot(unpack_direction(point_places[i].w), q.toward));
@@ -86,11 +86,12 @@ fn gather(
     let cell = points_cell(point, field);
     let at = point / field.radius;
     let widest = vec2(max(cell.x - 1, 0), min(cell.x + 1, i32(field.grid.x) - 1));
-    // Only rows that have any are asked.
+    // Only rows that have any are asked, one after the other: to list their points first was slower
+    // on a software adapter.
     var asked = (1u << ROWS) - 1u;
     if field.shift == 0u { asked = starts[rows_at(cell, field)]; }
     asked &= rows_reached(at.yz - vec2<f32>(cell.yz));
-    let q = Query(point, weight, toward);
+    let q = Lookup(point, weight, toward);
     var met = 0u;    // points of rows before: a bucket may have cells of two
     while asked != 0u {
         let row = row_beside(cell, firstTrailingBit(asked));

@@ -11,6 +11,7 @@ use photogram::measure::demo;
 use photogram::measure::{self, Measured, Mismatches};
 use photogram::scene::{Method, Scene, Spatial};
 use photogram::split::Split;
+use photogram::update::warm;
 
 use super::{
     align_right, check_places, failed, make_folder, notes, say, warn_of_materials, warnings,
@@ -58,6 +59,7 @@ pub fn run_edit(adapter: &AdapterChoice, args: &EditArgs) -> Result<()> {
     warn_of_materials(&scenes, &volume);
     let gpu = photogram::open(adapter)?;
     let mut frame = with_progress(|progress| {
+        warm(&gpu, &scenes[0], &volume, progress)?;
         let mut frame = measure::fresh(&gpu, &scenes[0], &volume)?;
         frame.rebuild(&gpu, &Split::default(), progress)?;
         Ok(frame)

@@ -208,7 +208,7 @@ impl DeviceScene {
         let squares = !nearest && bytes_of_squares(volume) <= storage.max_squares;
         let bytes = bytes_of_squares(volume);
         gpu.has_room("volume", if squares { bytes } else { bytes / 4 })?;
-        let (volume_view, volume_bytes) = upload(gpu, volume, squares)?;
+        let uploaded = upload(gpu, volume, squares)?;
         let query = Query::default();
         // What each cell has is found below.
         let mut tracking = optics_of(&setup.table, &query);
@@ -226,8 +226,8 @@ impl DeviceScene {
                 .upload("layers", &layers_of_spans(&setup.table, &query, setup.params.majorant))?,
             find_layers: gpu.kernel("layers", &[])?,
             lights_buffer: gpu.upload("lights", &[lights])?,
-            volume: volume_view,
-            volume_bytes,
+            volume: uploaded.view,
+            volume_bytes: uploaded.bytes,
             nearest,
             squares,
             float_voxels: matches!(volume.voxels(), Voxels::F32(_)),
@@ -249,8 +249,8 @@ impl DeviceScene {
         gpu.check("scene").map(|()| device)
     }
 
-    /// Takes a scene of other constants (its majorant, seed, step, the table's domain and what is
-    /// compiled in): all but the volume is as if it were new, and everything is to be computed.
+    /// Takes a scene of other constants: its majorant, seed, step, the table's domain, and what is
+    /// compiled in. All but the volume is as if it were new. `query` is that of [`Self::edit`].
     ///
     /// # Errors
     /// The majorant is out of proportion, or the device failed.
@@ -260,6 +260,7 @@ impl DeviceScene {
         scene: &Scene,
         table: Table,
         lights: Lights,
+        query: &Query,
     ) -> Result<()> {
         let setup = Setup::of(scene, &self.grid, self.own_bins)?;
         (self.params, self.domain, self.bins) = (setup.params, setup.domain, setup.bins);
@@ -269,7 +270,7 @@ impl DeviceScene {
         self.write_masks(gpu);
         // What the layers are of is told anew.
         self.opened.clear();
-        self.edit(gpu, table, lights, &Query::default())
+        self.edit(gpu, table, lights, query)
     }
 
     /// Whether another scene has its photons meet the same tentative collisions: its majorant and the

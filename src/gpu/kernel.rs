@@ -7,7 +7,7 @@
 
 use std::collections::BTreeMap;
 use std::num::NonZero;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use include_dir::Dir;
 use wesl::syntax::{ModulePath, PathOrigin};
@@ -18,7 +18,6 @@ use super::{Gpu, SOFTWARE, lock};
 use crate::error::{Error, Result};
 
 /// All kernels of a program: what a device can be asked to run.
-#[derive(Clone, Copy)]
 pub struct Library {
     /// The folder of WGSL files: a kernel each, and `shared/` with what they import.
     pub sources: &'static Dir<'static>,
@@ -26,6 +25,8 @@ pub struct Library {
     pub kernels: &'static [(&'static str, &'static [&'static str])],
     /// Constants that host and kernels share: the module `constants`.
     pub constants: &'static [(&'static str, u32)],
+    /// The sources by the names that imports have for them.
+    modules: OnceLock<VirtualResolver<'static>>,
 }
 
 /// A compiled kernel.
@@ -39,12 +40,22 @@ pub struct Kernel {
 }
 
 impl Library {
+    /// Kernels from a folder of sources.
+    pub const fn new(
+        sources: &'static Dir<'static>,
+        kernels: &'static [(&'static str, &'static [&'static str])],
+        constants: &'static [(&'static str, u32)],
+    ) -> Self {
+        Self { sources, kernels, constants, modules: OnceLock::new() }
+    }
+
     /// WGSL of a kernel with the given flags set.
     ///
     /// # Errors
     /// The sources do not compose; a fault of this program, never of a user.
     pub fn compose(&self, name: &str, flags: &[&str]) -> Result<String> {
-        let mut compiler = Wesl::new("").set_custom_resolver(self.modules());
+        let mut compiler =
+            Wesl::new("").set_custom_resolver(self.modules.get_or_init(|| self.modules()));
         compiler.set_mangler(ManglerKind::None);
         compiler.set_options(CompileOptions {
             features: Features {

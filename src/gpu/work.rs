@@ -1,4 +1,7 @@
 //! Work lists: the items that an update works on, compacted by a prefix sum.
+//!
+//! Their lengths are read back, several at once, rather than dispatched indirectly: buffers are made
+//! and long work is sliced by them.
 
 use std::sync::Arc;
 

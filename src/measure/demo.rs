@@ -7,6 +7,7 @@ use crate::gpu::Progress;
 use crate::measure::{Measured, fresh, measure};
 use crate::scene::{Scale, Scene, VolumeSource};
 use crate::split::Split;
+use crate::update::warm;
 use crate::volume::phantom::Phantom;
 
 /// One picture of the demonstration.
@@ -49,6 +50,7 @@ pub fn run(gpu: &Gpu, progress: &mut Progress) -> Result<Vec<Shot>> {
     scene.settings.rays = 1;
     let volume = scene.volume.load()?;
     scene.settle(&volume);
+    warm(gpu, &scene, &volume, progress)?;
     let mut frame = fresh(gpu, &scene, &volume)?;
     frame.rebuild(gpu, &Split::default(), progress)?;
     let image = frame.segments.image(gpu)?;

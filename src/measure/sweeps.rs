@@ -66,8 +66,8 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
                     let change = |s: &mut Scene| {
                         (s.settings.photons, s.settings.max_events) = (photons, events);
                     };
-                    let what = (scene, edit, estimator, spatial);
-                    let row = measured(gpu, effort, what, &change)?;
+                    let case = Case { scene, edit, estimator, spatial };
+                    let row = measured(gpu, effort, case, &change)?;
                     let x = photons as f64;
                     points[0].push((x, row.speedup));
                     points[1].push((x, row.trace));
@@ -98,8 +98,8 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
                     (s.settings.segments, s.settings.max_events) = (segments, 1);
                     s.settings.photons = 2_100_000 / shrink;
                 };
-                let what = (scene, edit, estimator, spatial);
-                let row = measured(gpu, effort, what, &change)?;
+                let case = Case { scene, edit, estimator, spatial };
+                let row = measured(gpu, effort, case, &change)?;
                 points.push((f64::from(segments), row.update));
                 let label = format!("{scene}, {variant}");
                 sheet.rows.push(row.cells(&label, segments.into(), 1));
@@ -120,6 +120,15 @@ fn chart(name: &str, scene: &str, x: &str, y: &str) -> Chart {
         log_x: true,
         series: Vec::new(),
     }
+}
+
+/// What is measured.
+#[derive(Clone, Copy)]
+struct Case {
+    scene: &'static str,
+    edit: &'static str,
+    estimator: Estimator,
+    spatial: Spatial,
 }
 
 struct Row {
@@ -150,21 +159,16 @@ impl Row {
     }
 }
 
-fn measured(
-    gpu: &Gpu,
-    effort: Effort,
-    (scene, name, estimator, spatial): (&str, &str, Estimator, Spatial),
-    change: &dyn Fn(&mut Scene),
-) -> Result<Row> {
-    let mut scene = built_in(scene)?;
+fn measured(gpu: &Gpu, effort: Effort, case: Case, change: &dyn Fn(&mut Scene)) -> Result<Row> {
+    let mut scene = built_in(case.scene)?;
     scene.scale(effort.scale);
     change(&mut scene);
     let settings = &mut scene.settings;
-    (settings.estimator, settings.weighting) = (Some(estimator), Weighting::Plain);
-    (settings.spatial, settings.rays) = (spatial, 1);
+    (settings.estimator, settings.weighting) = (Some(case.estimator), Weighting::Plain);
+    (settings.spatial, settings.rays) = (case.spatial, 1);
     let volume = scene.volume.load()?;
     scene.settle(&volume);
-    let after = scene.edited(name)?;
+    let after = scene.edited(case.edit)?;
     let mut fastest = measure::fresh(gpu, &without_histories(&after), &volume)?;
     let mut frame = measure::fresh(gpu, &scene, &volume)?;
     frame.rebuild(gpu, &Split::default(), &mut Progress::silent())?;

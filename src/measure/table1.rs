@@ -47,26 +47,28 @@ const PAPER: [&str; 10] = [
 
 #[rustfmt::skip]
 const ROWS: [Row; 7] = [
-    row("hand, bone", ("hand", "bone"), (16, 8.0),
+    row("hand, bone", "hand", "bone", 16, 8.0,
         [2.1e6, 10.0, 0.22, 1.97, 16.0, 0.10, 19.0, 1.63, 29.0, 1.3]),
-    row("cornell, sphere", ("cornell", "sphere"), (1, 2.0),
+    row("cornell, sphere", "cornell", "sphere", 1, 2.0,
         [4.2e6, 7.0, 0.32, 9.11, 26.0, 0.04, 3.0, 0.57, 18.0, 15.2]),
-    row("engine, material", ("engine", "material"), (2, 4.0),
+    row("engine, material", "engine", "material", 2, 4.0,
         [2.1e6, 10.0, 0.37, 5.41, 5.0, 0.10, 5.0, 0.64, 19.0, 7.7]),
-    row("torso, skin", ("torso", "skin"), (1, 1.5),
+    row("torso, skin", "torso", "skin", 1, 1.5,
         [2.1e6, 9.0, 0.37, 1.31, 25.0, 0.25, 74.0, 0.43, 24.0, 2.4]),
-    row("torso, vessels", ("torso", "vessels"), (1, 1.5),
+    row("torso, vessels", "torso", "vessels", 1, 1.5,
         [2.1e6, 9.0, 0.23, 1.32, 3.0, 0.15, 71.0, 1.11, 100.0, 1.2]),
-    row("kidneys, vessels", ("kidneys", "vessels"), (1, 4.0),
+    row("kidneys, vessels", "kidneys", "vessels", 1, 4.0,
         [1.6e6, 7.0, 0.11, 1.25, 8.0, 0.03, 24.0, 0.16, 4.0, 6.8]),
-    row("kidneys, contents", ("kidneys", "contents"), (1, 4.0),
+    row("kidneys, contents", "kidneys", "contents", 1, 4.0,
         [1.6e6, 7.0, 0.11, 0.95, 11.0, 0.07, 35.0, 0.25, 9.0, 3.2]),
 ];
 
 const fn row(
     name: &'static str,
-    (scene, edit): (&'static str, &'static str),
-    (events, samples_per_voxel): (u32, f64),
+    scene: &'static str,
+    edit: &'static str,
+    events: u32,
+    samples_per_voxel: f64,
     paper: Paper,
 ) -> Row {
     Row { name, scene, edit, events, samples_per_voxel, paper }
@@ -169,10 +171,11 @@ pub fn run(gpu: &Gpu, effort: Effort, progress: &mut Progress) -> Result<Report>
         speedups[0].points.push((at, row.paper_speedup()));
         for (v, variant) in VARIANTS.iter().enumerate() {
             progress.at("table 1", (number * VARIANTS.len() + v) as u64, total);
-            let (speedup, wrong) =
-                measured(gpu, effort, (row, variant), (&mut sheet, &mut memory))?;
-            report.mismatches += wrong;
-            speedups[v + 1].points.push((at, speedup));
+            let measured = measured(gpu, effort, row, variant)?;
+            report.mismatches += measured.wrong;
+            speedups[v + 1].points.push((at, measured.speedup));
+            sheet.rows.push(measured.figures);
+            memory.rows.push(measured.memory);
         }
     }
     report.notes.push(
@@ -210,13 +213,18 @@ fn scene_of(row: &Row, variant: &Variant, effort: Effort) -> Result<Scene> {
     Ok(scene)
 }
 
-/// Measures one variant of one row; returns the speed-up, and what differs that must not.
-fn measured(
-    gpu: &Gpu,
-    effort: Effort,
-    (row, variant): (&Row, &Variant),
-    (sheet, memory): (&mut Sheet, &mut Sheet),
-) -> Result<(f64, u64)> {
+/// One variant of one row, measured.
+struct Measured {
+    speedup: f64,
+    /// What differs that must not.
+    wrong: u64,
+    /// Its row in the sheet.
+    figures: Vec<serde_json::Value>,
+    /// Its row in the sheet of bytes.
+    memory: Vec<serde_json::Value>,
+}
+
+fn measured(gpu: &Gpu, effort: Effort, row: &Row, variant: &Variant) -> Result<Measured> {
     let mut scene = scene_of(row, variant, effort)?;
     let volume = scene.volume.load()?;
     scene.settle(&volume);
@@ -280,13 +288,12 @@ fn measured(
         json!(speedup > row.paper_speedup()),
     ];
     figures.extend(row.paper.map(|x| json!(x)));
-    sheet.rows.push(figures);
     let lists = frame.list_bytes();
     let of_means = frame.field.history_bytes();
     let per_photon = |bytes: u64| round(bytes as f64 / photons as f64);
     let per_layer =
         |bytes: u64| round(bytes as f64 / f64::from(scene.settings.segments) / 1_048_576.0);
-    memory.rows.push(vec![
+    let memory = vec![
         json!(row.name),
         json!(variant.name),
         per_photon(8 * u64::from(row.events) * photons + of_means),
@@ -299,11 +306,11 @@ fn measured(
         per_layer(lists.segments),
         json!(frame.segments.segment_bytes()),
         json!(16),
-    ]);
+    ];
     // Segments that never ask for light may be stale.
-    let exact =
+    let wrong =
         if variant.spatial == Spatial::Off { mismatches.of_light() } else { mismatches.all() };
-    Ok((speedup, exact))
+    Ok(Measured { speedup, wrong, figures, memory })
 }
 
 #[derive(Default)]

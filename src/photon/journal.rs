@@ -16,7 +16,8 @@ use crate::gpu::work::WorkList;
 use crate::gpu::{Gpu, Progress};
 use crate::split::Split;
 
-/// Slots of the journal, at most: 64 MiB.
+/// Slots of the journal, at most: 64 MiB. A fast GPU may want more: there a part of this size takes as
+/// long as a smaller one.
 pub const SLOTS: u32 = 1 << 21;
 
 /// Bytes of half a slot.

@@ -324,7 +324,7 @@ impl PhotonMap {
                 format!("{max_events} events do not fit a binding"),
             ));
         }
-        let (roulette_gain, roulette_doublings) = eighteen_bits(settings.roulette_survival.recip());
+        let gain = EighteenBits::of(settings.roulette_survival.recip());
         let mut map = Self {
             batches: Vec::new(),
             max_events,
@@ -334,8 +334,8 @@ impl PhotonMap {
                 max_events,
                 roulette_from: settings.roulette_from,
                 roulette_survival: settings.roulette_survival as f32,
-                roulette_gain,
-                roulette_doublings,
+                roulette_gain: gain.share,
+                roulette_doublings: gain.doublings,
                 ..Default::default()
             },
             trace: gpu.kernel("trace", &scene.flags())?,
@@ -517,8 +517,16 @@ impl PhotonMap {
     }
 }
 
-/// A factor from 1 on as x / 2^18 * 2^n, x being at most 2^18.
-fn eighteen_bits(factor: f64) -> (u32, i32) {
-    let doublings = factor.log2().ceil();
-    ((factor * (18.0 - doublings).exp2()).round() as u32, doublings as i32)
+/// A factor from 1 on as `share` / 2^18 * 2^`doublings`, the share being at most 2^18.
+struct EighteenBits {
+    share: u32,
+    doublings: i32,
+}
+
+impl EighteenBits {
+    fn of(factor: f64) -> Self {
+        let doublings = factor.log2().ceil();
+        let share = (factor * (18.0 - doublings).exp2()).round() as u32;
+        Self { share, doublings: doublings as i32 }
+    }
 }

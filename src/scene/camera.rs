@@ -30,7 +30,7 @@ pub enum CameraPlace {
         /// Seen in the middle of the image; not the origin.
         target: DVec3,
     },
-    /// Looks at the volume's centre; [`Scene::place`] turns it into `At`.
+    /// Looks at the volume's centre; [`Scene::place`](super::Scene::place) turns it into `At`.
     Around {
         /// Direction from the volume's centre towards the camera; any length but zero.
         from: DVec3,

@@ -60,44 +60,54 @@ pub struct Scene {
     pub edits: Vec<Edit>,
 }
 
-/// Gives the variants of an enum the names by which files and the command line know them.
-macro_rules! names {
-    ($type:ident, $what:literal: $($variant:ident = $name:literal),+) => {
-        impl $type {
-            /// Every variant with its name.
-            pub const NAMES: &[(&'static str, Self)] = &[$(($name, Self::$variant)),+];
-        }
+/// An enum whose variants files and the command line know by their names.
+pub trait Named: strum::VariantArray + std::fmt::Display + Copy {
+    /// What it names, in messages.
+    const WHAT: &'static str;
 
-        impl std::fmt::Display for $type {
-            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-                f.write_str(match self { $(Self::$variant => $name),+ })
-            }
+    /// The variant of this name.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] where there is none, with the names that there are.
+    fn named(name: &str) -> Result<Self> {
+        let found = Self::VARIANTS.iter().find(|v| v.to_string() == name);
+        found.copied().ok_or_else(|| {
+            let names: Vec<String> = Self::VARIANTS.iter().map(ToString::to_string).collect();
+            let names: Vec<&str> = names.iter().map(String::as_str).collect();
+            Error::setting(edit::unknown(Self::WHAT, name, &names))
+        })
+    }
+}
+
+/// Lets a [`Named`] enum be parsed.
+macro_rules! named {
+    ($type:ident, $what:literal) => {
+        impl Named for $type {
+            const WHAT: &'static str = $what;
         }
 
         impl std::str::FromStr for $type {
             type Err = Error;
 
             fn from_str(name: &str) -> Result<Self> {
-                let found = Self::NAMES.iter().find(|(n, _)| *n == name);
-                found.map(|&(_, v)| v).ok_or_else(|| {
-                    let names: Vec<&str> = Self::NAMES.iter().map(|&(n, _)| n).collect();
-                    Error::setting(edit::unknown($what, name, &names))
-                })
+                Self::named(name)
             }
         }
     };
 }
 
-names!(Filter, "filter": Nearest = "nearest", Linear = "linear");
-names!(Method, "method": PhotonMap = "photon-map", Mcvr = "mcvr", Reference = "reference");
-names!(Estimator, "estimator": Points = "points", Fluence = "fluence");
-names!(Weighting, "weighting": Plain = "plain", Even = "even");
-names!(Spatial, "spatial test": Exact = "exact", Axes = "axes", Off = "off");
-names!(Scale, "scale": Small = "small", Medium = "medium", Full = "full");
-names!(Curve, "curve": Filmic = "filmic", Srgb = "srgb");
+named!(Filter, "filter");
+named!(Method, "method");
+named!(Estimator, "estimator");
+named!(Weighting, "weighting");
+named!(Spatial, "spatial test");
+named!(Scale, "scale");
+named!(Curve, "curve");
+named!(Phantom, "phantom");
 
 /// How values between voxel centres are found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::Display, strum::VariantArray)]
+#[strum(serialize_all = "kebab-case")]
 pub enum Filter {
     /// Piecewise constant: each voxel is a box of its own value.
     Nearest,
@@ -182,7 +192,8 @@ pub enum LightKind {
 }
 
 /// How an image is computed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::Display, strum::VariantArray)]
+#[strum(serialize_all = "kebab-case")]
 pub enum Method {
     /// Volumetric photon mapping: global illumination, edits are incremental.
     PhotonMap,
@@ -193,7 +204,8 @@ pub enum Method {
 }
 
 /// How much work a scene is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::Display, strum::VariantArray)]
+#[strum(serialize_all = "kebab-case")]
 pub enum Scale {
     /// Seconds on two cores.
     Small,
@@ -204,7 +216,8 @@ pub enum Scale {
 }
 
 /// The light field of the photon map.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::Display, strum::VariantArray)]
+#[strum(serialize_all = "kebab-case")]
 pub enum Estimator {
     /// Photons gathered from a spatial hash; any phase function.
     Points,
@@ -213,7 +226,8 @@ pub enum Estimator {
 }
 
 /// What the `points` estimator blurs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::Display, strum::VariantArray)]
+#[strum(serialize_all = "kebab-case")]
 pub enum Weighting {
     /// Collision density, as in the paper; spills light across material borders.
     Plain,
@@ -222,7 +236,8 @@ pub enum Weighting {
 }
 
 /// How an update tells which segments see light that changed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::Display, strum::VariantArray)]
+#[strum(serialize_all = "kebab-case")]
 pub enum Spatial {
     /// By walking each segment through the blocks of changed light.
     Exact,
@@ -326,7 +341,8 @@ impl Default for FilmSettings {
 }
 
 /// The curve from linear light to the picture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::Display, strum::VariantArray)]
+#[strum(serialize_all = "kebab-case")]
 pub enum Curve {
     /// Highlights roll off softly (see [`crate::film`]), then sRGB.
     Filmic,

@@ -136,7 +136,7 @@ fn volume(s: &Section, scene: &Path) -> Result<(VolumeSource, Filter)> {
         }
     };
     s.check(volume.check())?;
-    Ok((volume, s.choice("filter", Filter::NAMES)?.unwrap_or(Filter::Linear)))
+    Ok((volume, s.choice("filter")?.unwrap_or(Filter::Linear)))
 }
 
 fn camera(s: &Section) -> Result<Camera> {
@@ -192,9 +192,9 @@ fn settings(s: &Section) -> Result<Settings> {
         "spatial",
     ])?;
     let mut v = Settings::default();
-    set(&mut v.method, s.choice("method", Method::NAMES)?);
-    v.estimator = s.choice("estimator", Estimator::NAMES)?;
-    set(&mut v.weighting, s.choice("weighting", Weighting::NAMES)?);
+    set(&mut v.method, s.choice("method")?);
+    v.estimator = s.choice("estimator")?;
+    set(&mut v.weighting, s.choice("weighting")?);
     set(&mut v.photons, s.whole("photons")?);
     set(&mut v.max_events, s.count("max_events")?);
     set(&mut v.roulette_from, s.count("roulette_from")?);
@@ -212,7 +212,7 @@ fn settings(s: &Section) -> Result<Settings> {
     v.flux_unit = s.number("flux_unit")?;
     set(&mut v.skip_empty, s.flag("skip_empty")?);
     set(&mut v.history, s.flag("history")?);
-    set(&mut v.spatial, s.choice("spatial", Spatial::NAMES)?);
+    set(&mut v.spatial, s.choice("spatial")?);
     s.check(v.check())?;
     Ok(v)
 }
@@ -221,7 +221,7 @@ fn film(s: &Section) -> Result<FilmSettings> {
     s.only(&["exposure", "curve"])?;
     let mut v = FilmSettings::default();
     set(&mut v.exposure, s.number("exposure")?);
-    set(&mut v.curve, s.choice("curve", Curve::NAMES)?);
+    set(&mut v.curve, s.choice("curve")?);
     s.check(v.check())?;
     Ok(v)
 }
@@ -390,13 +390,8 @@ impl Known {
     }
 
     fn light(&mut self, s: &Section) -> Result<Light> {
-        const SHAPES: &[(&str, &str)] = &[
-            ("point", "point"),
-            ("directional", "directional"),
-            ("rectangle", "rectangle"),
-            ("surroundings", "surroundings"),
-        ];
-        let shape = s.must("kind", s.choice("kind", SHAPES)?)?;
+        const SHAPES: [&str; 4] = ["point", "directional", "rectangle", "surroundings"];
+        let shape = s.must("kind", s.one_of("kind", &SHAPES)?)?;
         s.only(&[light_keys(shape), &["kind", "name", "id", "share"]].concat())?;
         let id = match s.count("id")? {
             Some(id) => id,

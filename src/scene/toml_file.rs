@@ -6,6 +6,7 @@ use glam::DVec3;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+use super::Named;
 use crate::error::{Error, Result};
 use crate::fault::Fault;
 
@@ -225,12 +226,18 @@ impl<'a> Section<'a> {
         self.read(key, "true or false", DeValue::as_bool)
     }
 
+    /// The variant of an enum by its name.
+    pub fn choice<T: Named>(&self, key: &str) -> Result<Option<T>> {
+        let list: Vec<String> = T::VARIANTS.iter().map(|v| format!("\"{v}\"")).collect();
+        self.read(key, &format!("one of {}", list.join(", ")), |v| T::named(v.as_str()?).ok())
+    }
+
     /// One of some names.
-    pub fn choice<T: Copy>(&self, key: &str, names: &[(&str, T)]) -> Result<Option<T>> {
-        let list: Vec<String> = names.iter().map(|(n, _)| format!("{n:?}")).collect();
+    pub fn one_of(&self, key: &str, names: &[&'static str]) -> Result<Option<&'static str>> {
+        let list: Vec<String> = names.iter().map(|n| format!("{n:?}")).collect();
         self.read(key, &format!("one of {}", list.join(", ")), |v| {
             let name = v.as_str()?;
-            names.iter().find(|(n, _)| *n == name).map(|&(_, value)| value)
+            names.iter().find(|n| **n == name).copied()
         })
     }
 

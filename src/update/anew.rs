@@ -15,6 +15,11 @@ pub struct Anew {
     pub segments: bool,
 }
 
+impl Anew {
+    /// All of it.
+    pub const EVERYTHING: Self = Self { photons: true, light_field: true, segments: true };
+}
+
 impl fmt::Display for Anew {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let all = [
@@ -119,7 +124,7 @@ mod tests {
     fn what_is_kept_is_told() {
         let segments = Anew { segments: true, ..Default::default() };
         assert_eq!(segments.to_string(), "segments anew; photons, light field kept");
-        let all = Anew { photons: true, light_field: true, segments: true };
+        let all = Anew::EVERYTHING;
         assert_eq!(all.to_string(), "photons, light field, segments anew");
     }
 }

@@ -1,7 +1,7 @@
 //! How an edited scene is taken: what differs is noted, for the next update to find what that
 //! touches; what does not depend on other settings is kept.
 
-use super::anew::Parts;
+use super::anew::{Anew, Parts};
 use super::memory::{self, Making};
 use super::{PhotonFrame, Scope, light_ids};
 use crate::device_scene::Context;
@@ -79,7 +79,7 @@ impl PhotonFrame {
         }
         self.query.add(&change);
         if parts.constants {
-            self.scene.configure(gpu, scene, table, lights)?;
+            self.scene.configure(gpu, scene, table, lights, &self.query)?;
         } else {
             self.scene.edit(gpu, table, lights, &self.query)?;
         }
@@ -97,7 +97,7 @@ impl PhotonFrame {
         }
         if parts.any() {
             self.pending = true;
-            return Ok(Scope::Anew(parts.report()));
+            return Ok(Scope::Anew(if self.fresh { Anew::EVERYTHING } else { parts.report() }));
         }
         if !suits {
             return Ok(Scope::Everything(

@@ -14,6 +14,7 @@
 mod anew;
 mod edit;
 mod memory;
+mod warm;
 
 use self::anew::Parts;
 use self::memory::Making;
@@ -30,6 +31,7 @@ use crate::segment::{Computed, SegmentMap, Sources};
 use crate::split::Split;
 
 pub use anew::Anew;
+pub use warm::warm;
 
 /// What an edit can reach.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
@@ -113,6 +115,18 @@ pub struct Updated {
     /// What the stages counted, from the edit on. A rebuild compares nothing: all its photons
     /// count as invalid and as changed.
     pub counts: Counters,
+}
+
+impl Updated {
+    /// Photons with a flight that was traced again, of all, in percent.
+    pub fn retraced_percent(&self) -> f64 {
+        100.0 * self.counts.invalid as f64 / self.photons.max(1) as f64
+    }
+
+    /// Segments computed again, of all, in percent.
+    pub fn recomputed_percent(&self) -> f64 {
+        100.0 * self.recomputed as f64 / self.segments.max(1) as f64
+    }
 }
 
 /// Everything that the photon map of one scene keeps on the device.

@@ -270,6 +270,24 @@ impl Volume {
         self.given(self.index(i, j, k))
     }
 
+    /// The same bounds with at most `most` voxels along an axis, each one of those that there are. Its
+    /// numbers mean what they mean here.
+    pub(crate) fn thumbnail(&self, most: u32) -> Self {
+        let size = self.size.map(|n| n.min(most));
+        let from = |at: u32, axis: usize| at * self.size[axis] / size[axis];
+        let places = (0..size[2])
+            .flat_map(|k| (0..size[1]).flat_map(move |j| (0..size[0]).map(move |i| [i, j, k])));
+        let places = places.map(|[i, j, k]| self.index(from(i, 0), from(j, 1), from(k, 2)));
+        let voxels = match &self.voxels {
+            Voxels::U8(data) => Voxels::U8(places.map(|at| data[at]).collect()),
+            Voxels::U16(data) => Voxels::U16(places.map(|at| data[at]).collect()),
+            Voxels::F32(data) => Voxels::F32(places.map(|at| data[at]).collect()),
+        };
+        let spacing = self.extent() / DVec3::from(size.map(f64::from));
+        let origin = self.corner() + self.axes * (0.5 * spacing);
+        Self { size, spacing, origin, voxels, ..self.clone() }
+    }
+
     /// How many voxels lie in each of `bins` equal parts of the range.
     pub fn histogram(&self, bins: usize) -> Vec<u64> {
         // Shares large enough that a histogram each costs nothing.
@@ -376,15 +394,21 @@ fn orthonormal(mut axes: DMat3) -> Result<DMat3> {
     Ok(axes)
 }
 
+/// Where a volume is: what [`Volume::new`] asks for.
+struct Placement {
+    spacing: DVec3,
+    axes: DMat3,
+    origin: DVec3,
+}
+
 /// Splits direction vectors, mm a voxel, into spacing and unit axes.
-fn spacing_and_axes(directions: DMat3) -> (DVec3, DMat3) {
+fn placement(directions: DMat3, origin: DVec3) -> Placement {
     let columns = [directions.x_axis, directions.y_axis, directions.z_axis];
     let spacing = DVec3::from(columns.map(DVec3::length));
     // A column of zeros has no direction: its spacing is what gets refused, with NaN here.
-    (
-        spacing,
-        DMat3::from_cols(columns[0] / spacing.x, columns[1] / spacing.y, columns[2] / spacing.z),
-    )
+    let axes =
+        DMat3::from_cols(columns[0] / spacing.x, columns[1] / spacing.y, columns[2] / spacing.z);
+    Placement { spacing, axes, origin }
 }
 
 /// What a reader found wrong in a file, before the path is added.

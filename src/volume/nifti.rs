@@ -14,7 +14,7 @@ use ::nifti::{Endianness, NiftiHeader, NiftiType};
 use glam::{DMat3, DQuat, DVec3};
 
 use super::open::Source;
-use super::{Found, Kind, Values, Volume, foreign, spacing_and_axes};
+use super::{Found, Kind, Placement, Values, Volume, foreign, placement};
 
 /// Bytes of the headers of NIfTI-1 and -2, which is also what their first field says.
 const HEADERS: [usize; 2] = [348, 540];
@@ -75,7 +75,7 @@ pub(super) fn parse(source: &mut Source) -> Found<Volume> {
             ));
         }
     };
-    let (spacing, axes, origin) = header.frame()?;
+    let Placement { spacing, axes, origin } = header.placement()?;
 
     // Behind the header stands the extension flag.
     let least = (bytes.len() + 4) as f64;
@@ -231,7 +231,7 @@ impl Header {
     }
 
     /// Spacing, axes and origin in millimetres, left-posterior-superior.
-    fn frame(&self) -> Found<(DVec3, DMat3, DVec3)> {
+    fn placement(&self) -> Found<Placement> {
         let unit = match self.units & 7 {
             // Unknown is millimetres in practice.
             0 | 2 => 1.0,
@@ -259,14 +259,15 @@ impl Header {
             if spacing.min_element() > 0.0 {
                 (turn * DMat3::from_diagonal(spacing * DVec3::new(1.0, 1.0, flip)), self.offset)
             } else {
-                return Ok((spacing, DMat3::IDENTITY, self.offset));
+                let axes = DMat3::IDENTITY;
+                return Ok(Placement { spacing, axes, origin: self.offset });
             }
         } else {
-            return Ok((unit * spacing, DMat3::IDENTITY, DVec3::ZERO));
+            let (spacing, axes) = (unit * spacing, DMat3::IDENTITY);
+            return Ok(Placement { spacing, axes, origin: DVec3::ZERO });
         };
         let to_lps = unit * DMat3::from_diagonal(DVec3::new(-1.0, -1.0, 1.0));
-        let (spacing, axes) = spacing_and_axes(to_lps * directions);
-        Ok((spacing, axes, to_lps * origin))
+        Ok(placement(to_lps * directions, to_lps * origin))
     }
 }
 

@@ -15,7 +15,7 @@ use flate2::write::GzEncoder;
 use glam::{DMat3, DVec3};
 
 use super::open::Source;
-use super::{Found, Kind, Volume, Voxels, spacing_and_axes};
+use super::{Found, Kind, Placement, Volume, Voxels, placement};
 use crate::error::{Error, Result};
 use crate::files::write_whole;
 
@@ -116,7 +116,7 @@ pub(super) fn parse(source: &mut Source) -> Found<Volume> {
             return Err(format!("line {line}: endian {endian}; it is little or big"));
         }
     };
-    let (spacing, directions, origin) = header.frame(&axes)?;
+    let Placement { spacing, axes: directions, origin } = header.placement(&axes)?;
     if packed {
         source.gunzip();
     }
@@ -290,7 +290,7 @@ impl Header {
     }
 
     /// Spacing, axes and origin in millimetres, left-posterior-superior.
-    fn frame(&self, axes: &Axes) -> Found<(DVec3, DMat3, DVec3)> {
+    fn placement(&self, axes: &Axes) -> Found<Placement> {
         let to_lps = DMat3::from_diagonal(match self.find("space") {
             None => DVec3::ONE,
             Some((line, space)) => match space.to_lowercase().as_str() {
@@ -330,8 +330,7 @@ impl Header {
         // Units are of the world's axes: with `spacings`, these are the volume's.
         let to_lps = to_lps * DMat3::from_diagonal(self.units(axes)?);
         // Signs of spacings go to the axes, as those of directions do.
-        let (spacing, axes) = spacing_and_axes(to_lps * directions);
-        Ok((spacing, axes, to_lps * origin))
+        Ok(placement(to_lps * directions, to_lps * origin))
     }
 
     /// Millimetres in the unit of each axis of the world.

@@ -1,7 +1,8 @@
 //! A volume as the texture that kernels look it up in: its size is not bound by a binding's.
 //!
 //! Under linear filtering a look-up wants eight voxels, which is what most of the time of tracing
-//! would go to. So each texel holds a square of four, and two do.
+//! would go to. So each texel holds a square of four, and two do. Pairs of voxels take half of that
+//! memory and were slower.
 
 use std::borrow::Cow;
 
@@ -23,15 +24,19 @@ pub(crate) fn bytes_of_squares(volume: &Volume) -> u64 {
     4 * bytes as u64
 }
 
-/// Uploads a volume, voxel by voxel or in squares. Returns also how many bytes that takes.
+/// A volume on the device.
+pub(crate) struct Uploaded {
+    /// As kernels see it.
+    pub view: wgpu::TextureView,
+    /// How many bytes it takes.
+    pub bytes: u64,
+}
+
+/// Uploads a volume, voxel by voxel or in squares.
 ///
 /// # Errors
 /// It is too large for the adapter.
-pub(crate) fn upload(
-    gpu: &Gpu,
-    volume: &Volume,
-    squares: bool,
-) -> Result<(wgpu::TextureView, u64)> {
+pub(crate) fn upload(gpu: &Gpu, volume: &Volume, squares: bool) -> Result<Uploaded> {
     let [width, height, depth] = volume.size();
     if volume.size().iter().any(|&n| n > gpu.max_edge()) {
         return Err(Error::capacity(
@@ -87,7 +92,7 @@ pub(crate) fn upload(
         );
     }
     gpu.check("volume")?;
-    Ok((texture.create_view(&Default::default()), bytes))
+    Ok(Uploaded { view: texture.create_view(&Default::default()), bytes })
 }
 
 /// Each voxel of a slab with those at x + 1, at y + 1 and at both, or the last there is.

@@ -7,11 +7,8 @@
 //! Each named structure has its own window of values; the edge between two
 //! structures passes thinly through the windows between them, as in CT.
 
-use std::fmt;
-use std::str::FromStr;
-use std::sync::Mutex;
-
 use glam::{DMat3, UVec3, Vec3};
+use rayon::prelude::*;
 
 use super::{Values, Volume};
 use crate::error::{Error, Result};
@@ -29,7 +26,8 @@ use shape::Shape;
 pub const SIZES: std::ops::RangeInclusive<u32> = 16..=1024;
 
 /// A built-in phantom. Displays as, and parses from, its name in lower case.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, strum::Display, strum::VariantArray)]
+#[strum(serialize_all = "kebab-case")]
 pub enum Phantom {
     /// A room open to the front, with a sphere, a transparent box and a thin
     /// medium: eight-bit labels with hard edges, for nearest filtering.
@@ -67,10 +65,6 @@ impl Tissue {
 }
 
 impl Phantom {
-    /// All of them.
-    pub const ALL: [Self; 5] =
-        [Self::Cornell, Self::Hand, Self::Engine, Self::Torso, Self::Kidneys];
-
     /// Its structures by rising value, air aside.
     ///
     /// | phantom | tissue | window | plateau |
@@ -117,33 +111,6 @@ impl Phantom {
             Self::Torso => torso::plan(),
             Self::Kidneys => kidneys::plan(),
         }
-    }
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Cornell => "cornell",
-            Self::Hand => "hand",
-            Self::Engine => "engine",
-            Self::Torso => "torso",
-            Self::Kidneys => "kidneys",
-        }
-    }
-}
-
-impl fmt::Display for Phantom {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(self.name())
-    }
-}
-
-impl FromStr for Phantom {
-    type Err = Error;
-
-    fn from_str(name: &str) -> Result<Self> {
-        Self::ALL.into_iter().find(|p| p.name() == name).ok_or_else(|| {
-            let names = Self::ALL.map(Self::name).join(", ");
-            Error::setting(format!("no phantom is called `{name}`; there are {names}"))
-        })
     }
 }
 
@@ -244,47 +211,34 @@ fn paint<T: Copy + Default + Send>(
     let reaches: Vec<_> =
         plan.layers.iter().map(|layer| grid.reach(layer.shape.bounds())).collect();
     let width = grid.spacing.element_sum() / 3.0;
-    let slices = Mutex::new((0..).zip(voxels.chunks_mut(slice)));
-    let work = || {
-        let mut values = vec![0.0; slice];
-        loop {
-            let next = slices.lock().expect("no painter panics").next();
-            let Some((k, out)) = next else { break };
-            values.fill(plan.air as f32);
-            for (layer, [low, high]) in plan.layers.iter().zip(&reaches) {
-                if (low.z..high.z).contains(&k) {
-                    for (i, j) in (low.y..high.y).flat_map(|j| (low.x..high.x).map(move |i| (i, j)))
-                    {
-                        let value = &mut values[(i + grid.counts.x * j) as usize];
-                        let distance = layer.shape.distance(grid.centre(UVec3::new(i, j, k)));
-                        for &(depth, plateau) in &layer.shells {
-                            // A shell thinner than a voxel would never reach its plateau.
-                            let depth = if depth > 0.0 { depth.max(width) } else { 0.0 };
-                            let inside = 0.5 - (distance + depth) / width;
-                            let cover = if plan.labels {
-                                f32::from(inside >= 0.5)
-                            } else {
-                                inside.clamp(0.0, 1.0)
-                            };
-                            *value += cover * (plateau as f32 - *value);
-                        }
-                    }
+    let paint_slice = |values: &mut Vec<f32>, (k, out): (usize, &mut [T])| {
+        let k = k as u32;
+        values.fill(plan.air as f32);
+        for (layer, [low, high]) in plan.layers.iter().zip(&reaches) {
+            if !(low.z..high.z).contains(&k) {
+                continue;
+            }
+            for (i, j) in (low.y..high.y).flat_map(|j| (low.x..high.x).map(move |i| (i, j))) {
+                let value = &mut values[(i + grid.counts.x * j) as usize];
+                let distance = layer.shape.distance(grid.centre(UVec3::new(i, j, k)));
+                for &(depth, plateau) in &layer.shells {
+                    // A shell thinner than a voxel would never reach its plateau.
+                    let depth = if depth > 0.0 { depth.max(width) } else { 0.0 };
+                    let inside = 0.5 - (distance + depth) / width;
+                    let cover =
+                        if plan.labels { f32::from(inside >= 0.5) } else { inside.clamp(0.0, 1.0) };
+                    *value += cover * (plateau as f32 - *value);
                 }
             }
-            for (at, (out, value)) in (0..).zip(out.iter_mut().zip(&values)) {
-                let voxel = UVec3::new(at % grid.counts.x, at / grid.counts.x, k);
-                let grain =
-                    if plan.labels && *value == plan.air as f32 { 0.0 } else { noise(voxel) };
-                *out = store((value + plan.noise * grain).round());
-            }
+        }
+        for (at, (out, value)) in (0..).zip(out.iter_mut().zip(values.iter())) {
+            let voxel = UVec3::new(at % grid.counts.x, at / grid.counts.x, k);
+            let grain = if plan.labels && *value == plan.air as f32 { 0.0 } else { noise(voxel) };
+            *out = store((value + plan.noise * grain).round());
         }
     };
-    std::thread::scope(|scope| {
-        let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
-        for _ in 0..threads {
-            scope.spawn(work);
-        }
-    });
+    let slices = voxels.par_chunks_mut(slice).enumerate();
+    slices.for_each_init(|| vec![0.0; slice], paint_slice);
     voxels
 }
 

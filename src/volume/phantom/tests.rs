@@ -1,3 +1,5 @@
+use strum::VariantArray as _;
+
 use super::*;
 
 /// Share of the voxels in each tissue's window.
@@ -68,7 +70,7 @@ fn every_tissue_has_its_share() {
 
 #[test]
 fn a_coarser_phantom_is_the_same_one() {
-    for phantom in Phantom::ALL {
+    for phantom in Phantom::VARIANTS.iter().copied() {
         // Partial volume conserves the mean, but for the shells kept a voxel thick.
         let ratio = mean(phantom, 48) / mean(phantom, 96);
         assert!((ratio - 1.0).abs() < 0.04, "{phantom}: means at 48 and 96 are in ratio {ratio}");
@@ -89,7 +91,7 @@ fn a_coarser_phantom_is_the_same_one() {
 
 #[test]
 fn the_same_voxels_every_time() {
-    for phantom in Phantom::ALL {
+    for phantom in Phantom::VARIANTS.iter().copied() {
         let [once, twice] = [(); 2].map(|()| build(phantom, 40).unwrap());
         assert_eq!(once.voxels(), twice.voxels(), "{phantom}");
         assert_eq!(once.size().iter().max(), Some(&40), "{phantom}");
@@ -138,7 +140,7 @@ fn structures_lie_where_they_should() {
 
 #[test]
 fn windows_are_apart_and_hold_the_noise() {
-    for phantom in Phantom::ALL {
+    for phantom in Phantom::VARIANTS.iter().copied() {
         let grain = 3.5 * f64::from(phantom.plan().noise);
         for tissue in phantom.tissues() {
             assert!(tissue.plateau() - grain >= tissue.low, "{phantom}: {}", tissue.name);
@@ -150,15 +152,7 @@ fn windows_are_apart_and_hold_the_noise() {
 }
 
 #[test]
-fn names_parse_and_the_wrong_are_told_the_right() {
-    for phantom in Phantom::ALL {
-        assert_eq!(phantom.to_string().parse::<Phantom>().unwrap(), phantom);
-    }
-    let error = "Hand".parse::<Phantom>().unwrap_err().to_string();
-    assert_eq!(
-        error,
-        "no phantom is called `Hand`; there are cornell, hand, engine, torso, kidneys"
-    );
+fn sizes_that_cannot_be_are_refused() {
     for size in [0, 15, 1025, u32::MAX] {
         let error = build(Phantom::Hand, size).unwrap_err().to_string();
         assert!(error.contains("16 to 1024"), "{error}");
