@@ -201,8 +201,8 @@ fn what_no_adapter_holds() {
         return eprintln!("skipped: a binding of {binding} bytes takes too much memory to exceed");
     }
     let on = |args: &[&str]| place.unrendered(&[args, &["--adapter", &index]].concat());
-    let error = on(&["--size", "16384x64", "--segments", "1024"]);
-    says(&error, &["stage `segments`", "must lie in one piece", "`segments`", "16384x1 pixels"]);
+    let error = on(&["--size", "16384x4", "--segments", "1024"]);
+    says(&error, &["stage `segments`", "must lie in one piece", "`segments`", "16384x4 pixels"]);
 
     let size = [2048, 128, (binding as usize / 8).div_ceil(2048 * 128) + 1];
     place.file("large.nrrd", nrrd(size, &vec![200; size.iter().product()]));
