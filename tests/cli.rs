@@ -286,7 +286,7 @@ fn phantoms_that_cannot_be() {
     let place = Place::new();
     let phantom =
         |name: &str, size: &str| place.refused(&["phantom", name, "-o", "a.nrrd", "--size", size]);
-    says(&phantom("foot", "64"), &["no phantom is called `foot`; there are cornell, hand"]);
+    says(&phantom("foot", "64"), &["no phantom is called `foot`: there is cornell, hand"]);
     for size in ["0", "15", "4000000000"] {
         says(&phantom("hand", size), &["16", "1024"]);
     }
