@@ -1,21 +1,20 @@
 //! What the transfer function's table resolves: labels, masks, scans with outliers and padding, and
 //! what is said where it cannot.
 
-use std::ops::Range;
-
 use glam::{DMat3, DVec3};
 use photogram::film::Image;
 use photogram::film::metrics::Metrics;
-use photogram::scene::{Estimator, Filter, Scene, Weighting};
-use photogram::split::Split;
+use photogram::scene::{Filter, Scene};
 use photogram::transfer::Table;
-use photogram::update::Scope;
 use photogram::volume::{Values, Volume};
 
-use common::snapshot::difference;
-use common::{gpu, rendered, scene_over, world};
+use common::{rendered, scene_over};
 
 mod common;
+#[path = "table/edits.rs"]
+mod edits;
+#[path = "table/rows.rs"]
+mod rows;
 
 const SIZE: [u32; 3] = [20, 12, 12];
 const COUNT: usize = 20 * 12 * 12;
@@ -525,180 +524,4 @@ fn a_range_is_checked_kept_and_honoured() {
         assert_eq!(domain.value(map.entry_of(f32::from(n))), f64::from(n));
     }
     assert!(domain.value(map.entry_of(0.0)) < 10.0 && domain.value(map.entry_of(999.0)) > 20.0);
-}
-
-#[test]
-fn edits_beyond_domain_and_majorant_equal_a_fresh_frame() {
-    for estimator in [Estimator::Fluence, Estimator::Points] {
-        let (mut scene, volume) = world::world(estimator, Weighting::Even, Filter::Linear);
-        let all = volume.range();
-        scene.settings.range = Some([-100.0, 500.0]);
-        scene.settings.majorant = Some(0.5);
-        (scene.materials[1].extinction, scene.materials[2].extinction) = (0.2, 0.25);
-        scene.materials[2].ramp = vec![[420.0, 0.0], [480.0, 1.0], [5000.0, 1.0]];
-        let before = scene.domain(&volume);
-        let split = Split::default();
-        let mut frame = world::frame(&scene, &volume, &split);
-        assert_eq!(difference(&frame, &scene, &volume), None);
-
-        let mut beyond = scene.clone();
-        beyond.materials[0].ramp = vec![[-900.0, 1.0], [600.0, 0.0], [900.0, 1.0], [all[1], 0.0]];
-        assert_ne!(beyond.domain(&volume), before, "another domain");
-        let mut dense = beyond.clone();
-        dense.materials[1].extinction = 1.0;
-        for (what, next) in [("beyond", &beyond), ("denser", &dense), ("back", &scene)] {
-            let (scope, done) = world::update(&mut frame, next, &split);
-            assert!(matches!(scope, Scope::Anew(anew) if anew.photons), "{what}: {scope:?}");
-            assert_eq!(done.listed, done.photons, "{what}");
-            assert_eq!(difference(&frame, next, &volume), None, "{what}");
-        }
-    }
-}
-
-/// Letters of the colours along the middle of an image, each once, from left to right.
-fn colours(image: &Image) -> String {
-    let middle = (image.height / 2 * image.width) as usize;
-    let row = &image.rgb[middle..middle + image.width as usize];
-    let letter = |rgb: &[f32; 3]| {
-        let most = rgb.iter().copied().fold(0.0, f32::max);
-        let bits = rgb.map(|c| usize::from(c > 0.5 * most && most > 0.1));
-        ['-', 'B', 'G', 'C', 'R', 'M', 'Y', 'W'][4 * bits[0] + 2 * bits[1] + bits[2]]
-    };
-    let mut letters: Vec<char> = row.iter().map(letter).collect();
-    letters.dedup();
-    letters.retain(|&c| c != '-');
-    letters.into_iter().collect()
-}
-
-/// Boxes beside each other, six voxels from one to the next, of these values in another.
-fn boxes<T: Copy>(values: &[T], outside: T) -> (Vec<T>, [u32; 3]) {
-    let along = 6 * values.len() + 2;
-    let inside = |at: usize, range: Range<usize>| range.contains(&at);
-    let value = |n: usize| {
-        let (i, j, k) = (n % along, n / along % 10, n / along / 10);
-        let is_box = i % 6 >= 2 && inside(j, 2..8) && inside(k, 2..8);
-        if is_box { values[i / 6] } else { outside }
-    };
-    ((0..along * 100).map(value).collect(), [along as u32, 10, 10])
-}
-
-const RAINBOW: [[f64; 3]; 7] = [
-    [1.0, 0.0, 0.0],
-    [0.0, 1.0, 0.0],
-    [0.0, 0.0, 1.0],
-    [1.0, 1.0, 0.0],
-    [1.0, 0.0, 1.0],
-    [0.0, 1.0, 1.0],
-    [1.0, 1.0, 1.0],
-];
-
-/// Red, green, blue, yellow, magenta, cyan, white: labels 1 to 7 under windows of whole numbers, and
-/// of halves.
-#[test]
-fn label_integer_windows() {
-    let (voxels, size) = boxes(&[1u8, 2, 3, 4, 5, 6, 7], 0);
-    let floats: Vec<f32> = voxels.iter().map(|&v| v.into()).collect();
-    for volume in [sized(size, voxels), sized(size, floats)] {
-        for shift in [0.0, -0.5] {
-            let window = |n: usize| [n as f64 + 1.0 + shift, n as f64 + 2.0 + shift];
-            let materials = (0..7).map(|n| glow(&format!("label {n}"), window(n), RAINBOW[n]));
-            let scene = glowing(&volume, "nearest", &materials.collect::<String>());
-            assert_eq!(colours(&rendered(&scene, &volume).image), "RGBYMCW", "{shift}");
-        }
-    }
-}
-
-/// Green: the mask of ones, or of 255, under a window that begins there, and under one about it.
-#[test]
-fn binary_mask_window() {
-    for (high, window) in [(1, [1.0, 2.0]), (1, [0.5, 1.5]), (255, [255.0, 256.0])] {
-        let (voxels, size) = boxes(&[high, high], 0_u8);
-        let volume = sized(size, voxels);
-        let scene = glowing(&volume, "nearest", &glow("mask", window, [0.0, 1.0, 0.0]));
-        assert_eq!(colours(&rendered(&scene, &volume).image), "GG", "{window:?}");
-    }
-}
-
-/// Red muscle, green vessel, blue bone, and air between them, as without the outlier.
-#[test]
-fn outlier_voxel() {
-    let materials = [
-        glow("muscle", [0.0, 100.0], RAINBOW[0]),
-        glow("vessel", [290.0, 350.0], RAINBOW[1]),
-        glow("bone", [480.0, 2000.0], RAINBOW[2]),
-    ];
-    let image = |outlier: Option<f32>| {
-        let (mut voxels, size) = boxes(&[50.0_f32, 320.0, 320.0, 700.0], -1000.0);
-        voxels[0] = outlier.unwrap_or(voxels[0]);
-        let volume = sized(size, voxels);
-        let scene = glowing(&volume, "nearest", &materials.concat());
-        assert_eq!(scene.unresolved(&volume), Vec::<String>::new(), "{outlier:?}");
-        rendered(&scene, &volume).image
-    };
-    let clean = image(None);
-    assert_eq!(colours(&clean), "RGGB");
-    for outlier in [3e5, 1e6, 2e7, -2e6, 30_000.0] {
-        assert!(image(Some(outlier)) == clean, "{outlier}");
-    }
-}
-
-#[test]
-fn a_refused_edit_leaves_the_frame_as_it_was() {
-    let (scene, volume) = world::world(Estimator::Fluence, Weighting::Even, Filter::Linear);
-    let split = Split::default();
-    let mut frame = world::frame(&scene, &volume, &split);
-    if gpu().free_bytes().is_none() {
-        return eprintln!("skipped: nobody knows what memory of this adapter is free");
-    }
-    let image = |frame: &photogram::update::PhotonFrame| {
-        frame
-            .segments
-            .image(gpu())
-            .expect("reads")
-            .rgb
-            .iter()
-            .map(|p| p.map(f32::to_bits))
-            .collect()
-    };
-    let before: Vec<[u32; 3]> = image(&frame);
-    let mut many = scene.clone();
-    (many.settings.photons, many.settings.max_events) = (2_863_311_530, 64);
-    let mut large = scene.clone();
-    (large.camera.width, large.camera.height) = (16_384, 16_384);
-    let mut long = scene.clone();
-    (long.camera.width, long.camera.height, long.settings.segments) = (16_384, 1, 1024);
-    let mut light = scene.clone();
-    light.lights[1].share = 3e6;
-    let cases = [
-        ("photons", &many, &["`photons`", "`max_events`", "GiB are free"][..]),
-        ("size", &large, &["16384x16384", "image size", "`segments`", "`rays`"]),
-        ("a row", &long, &["`segments`"]),
-        ("share", &light, &["`photons`", "`max_events`"]),
-    ];
-    for (what, edited, words) in cases {
-        let begun = std::time::Instant::now();
-        let Err(error) = frame.edit(gpu(), edited, &split) else {
-            if what == "a row" {
-                // An adapter that binds as much takes it.
-                world::update(&mut frame, &scene, &split);
-                continue;
-            }
-            panic!("{what} is taken")
-        };
-        assert!(begun.elapsed().as_secs() < 5, "{what}");
-        let error = error.to_string();
-        assert!(words.iter().all(|word| error.contains(word)), "{what}: {error}");
-        let done = frame
-            .update(gpu(), &split, &mut photogram::gpu::Progress::silent())
-            .expect("there is nothing to do");
-        assert_eq!((done.listed, done.recomputed), (0, 0), "{what}");
-        assert!(image(&frame) == before, "{what}: another image");
-        assert_eq!(frame.source(), &scene, "{what}");
-    }
-    // And the next edit is one of a frame that is whole.
-    let mut next = scene.clone();
-    next.materials[1].colour = DVec3::new(0.1, 0.9, 0.1);
-    let (scope, _) = world::update(&mut frame, &next, &split);
-    assert_eq!(scope, Scope::Part);
-    assert_eq!(difference(&frame, &next, &volume), None);
 }
