@@ -59,7 +59,9 @@ pub fn run(gpu: &Gpu, progress: &mut Progress) -> Result<Vec<Shot>> {
     let photons = frame.scene.lights.photons.into();
     let mut shots = vec![Shot { name: "before".to_owned(), scene, image, photons, measured: None }];
     for name in edits {
-        // Each edit is made to the first scene: between two of them the one before is undone.
+        // Each edit is made to the first scene: the one before is undone, which is not measured.
+        frame.edit(gpu, &before, &Split::default())?;
+        frame.update(gpu, &Split::default(), progress)?;
         let scene = before.edited(&name)?;
         let measured = Some(measure(gpu, &mut frame, &scene, &volume, true, progress)?);
         let image = frame.segments.image(gpu)?;
