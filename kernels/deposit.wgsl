@@ -72,16 +72,15 @@ fn main(
     if item >= params.items { return; }
     var event = (params.first_item + item) / params.listed;
     var listed = (params.first_item + item) % params.listed;
-    var photon = 0u;
-    if params.is_chosen == 1u {
-        photon = work[2u * listed];
-        let changed = work[2u * listed + 1u];
-        listed = changed / params.max_events;
-        event += changed % params.max_events;
-        if event >= params.max_events { return; }
-    } else {
-        photon = work[params.first_listed + listed];
-    }
+    // No branches on what the host tells: where those make a kernel much shorter, Mesa's software
+    // adapter compiles it anew for each dispatch.
+    let is_chosen = params.is_chosen == 1u;
+    let place = select(params.first_listed + listed, 2u * listed, is_chosen);
+    let photon = work[place];
+    let changed = select(0u, work[place + 1u], is_chosen);
+    listed = select(listed, changed / params.max_events, is_chosen);
+    event += changed % params.max_events;
+    if event >= params.max_events { return; }
     let at = event * params.stride + select(photon, listed, params.in_journal == 1u);
     let state = states[at];
     if slot_kind(state) == EMPTY { return; }
@@ -98,14 +97,12 @@ fn main(
     let length = length(way);
     if !(length > 0.0) { return; }
     let l = line(start, way / length);
-    var old = vec3<f32>(0.0);
-    var now = unpack_power(slot.power) * params.scale;
-    if params.mode != DEPOSIT_ADD {
-        old = now;
-        now = vec3<f32>(0.0);
-    }
+    let flown = unpack_power(slot.power) * params.scale;
     // What `weigh` has noted in place of the history.
-    if params.mode == DEPOSIT_REPLACE { now = unpack_power(slot_power(state.zwxy)) * params.scale; }
+    let weighed = unpack_power(slot_power(state.zwxy)) * params.scale;
+    let old = select(flown, vec3<f32>(0.0), params.mode == DEPOSIT_ADD);
+    let added = select(vec3<f32>(0.0), flown, params.mode == DEPOSIT_ADD);
+    let now = select(added, weighed, params.mode == DEPOSIT_REPLACE);
     let edge = scene.extent / vec3<f32>(params.grid);
     var w = walk_begin(l, 0.0, edge, params.grid);
     var t = 0.0;
