@@ -95,7 +95,10 @@ fn rel_mse(image: &Image, truth: &Image) -> f64 {
 
 /// The scan as integers or as floats, with one more value somewhere in the air.
 fn scan_with(outlier: Option<f64>, is_float: bool) -> Volume {
-    let mut values = scan();
+    with(scan(), outlier, is_float)
+}
+
+fn with(mut values: Vec<f64>, outlier: Option<f64>, is_float: bool) -> Volume {
     values[2] = outlier.unwrap_or(values[2]);
     match is_float {
         true => volume(values.iter().map(|&v| v as f32).collect::<Vec<_>>()),
@@ -115,7 +118,17 @@ fn one_voxel_of_another_value_changes_nothing_else() {
                 let scene = ct(&hurt, filter);
                 assert_eq!(scene.unresolved(&hurt), Vec::<String>::new(), "{what}");
                 scene.check_against(&hurt).expect("nothing is amiss");
-                let image = rendered(&scene, &hurt).image;
+                let mut image = rendered(&scene, &hurt).image;
+                if filter == Filter::Linear {
+                    // Between air and that voxel the value passes through all materials: thin shells
+                    // about it, which are seen, and are no error.
+                    let alone = with(vec![-1000.0; COUNT], Some(outlier), is_float);
+                    let shells = rendered(&ct(&alone, filter), &alone).image;
+                    let seen = (0..image.rgb.len()).filter(|&i| shells.rgb[i] != [0.0; 3]);
+                    let seen = seen.collect::<Vec<_>>();
+                    assert!(seen.len() < image.rgb.len() / 25, "{what}: {}", seen.len());
+                    seen.into_iter().for_each(|i| image.rgb[i] = clean.rgb[i]);
+                }
                 let error = rel_mse(&image, &clean);
                 println!("{what}: relMSE {error:.2e}");
                 assert!(error < 1e-3, "{what}: relMSE {error}");

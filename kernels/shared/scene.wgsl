@@ -22,7 +22,11 @@ struct SceneParams {
     bin_after: i32,
     bin_low: i32,
     bin_high: i32,
-    pad: u32,
+    unit: f32,                // of sums of extinction (see `columns`)
+    glow_unit: f32,           // of sums of emission
+    pad0: u32,
+    pad1: u32,
+    pad2: u32,
 }
 
 // What decides a collision, and what the edit in progress changes of a table entry.
@@ -53,6 +57,10 @@ struct Shading {
 // after two.
 @group(0) @binding(2) var<storage, read> tracking: array<vec2<u32>>;
 @group(0) @binding(3) var<storage, read> shading: array<Shading>;
+// Of each table entry, a texel in each row: extinction * albedo and extinction; their sums over the
+// entries below, 64-bit integers in `unit`, low words and high words; and the same three of emission, in
+// `glow_unit`. Differences of integers know nothing of what lies below both.
+@group(0) @binding(4) var columns: texture_2d<u32>;
 // bins that a macro-cell can produce under the volume filter
 @group(0) @binding(5) var cell_masks: texture_3d<u32>;
 
@@ -98,19 +106,28 @@ fn square(at: vec3<i32>) -> vec4<f32> {
     );
 }
 
-// Table entry of a voxel's number, or of one between: the map is affine, and what lies outside of
-// the table goes to the first or last.
-fn entry_of(number: f32) -> u32 {
-    return min(u32(max(number * scene.gain + scene.shift, 0.0)), TABLE_ENTRIES - 1u);
+// Where a voxel's number, or one between, stands in the table: the map is affine.
+fn stand_of(number: f32) -> f32 {
+    return number * scene.gain + scene.shift;
+}
+
+// The entry there; what lies outside of the table goes to the first or last.
+fn entry_of(stand: f32) -> u32 {
+    return min(u32(max(stand, 0.0)), TABLE_ENTRIES - 1u);
 }
 
 @if(nearest)
 fn entry_at(point: vec3<f32>) -> u32 {
-    return entry_of(voxel(vec3<i32>(floor(point * scene.per_voxel))));
+    return entry_of(stand_of(voxel(vec3<i32>(floor(point * scene.per_voxel)))));
 }
 
 @if(!nearest)
 fn entry_at(point: vec3<f32>) -> u32 {
+    return entry_of(stand_at(point));
+}
+
+@if(!nearest)
+fn stand_at(point: vec3<f32>) -> f32 {
     let last = vec3<f32>(scene.size - 1u);
     let at = clamp(point * scene.per_voxel - 0.5, vec3<f32>(0.0), last);
     let base = floor(at);
@@ -119,7 +136,7 @@ fn entry_at(point: vec3<f32>) -> u32 {
     let far = square(vec3<i32>(vec3(base.xy, min(base.z + 1.0, last.z))));
     let here = mix(near.xz, near.yw, f.x);
     let beyond = mix(far.xz, far.yw, f.x);
-    return entry_of(mix(mix(here.x, here.y, f.y), mix(beyond.x, beyond.y, f.y), f.z));
+    return stand_of(mix(mix(here.x, here.y, f.y), mix(beyond.x, beyond.y, f.y), f.z));
 }
 
 // The bin of a table entry: equal bins over the entries in use (`Bins` in src/history/bins.rs).
@@ -131,6 +148,14 @@ fn bin_of(entry: u32) -> u32 {
 // The historygram of one bin, H(11) with the top bin mended.
 fn bin_bit(bin: u32) -> vec2<u32> {
     return select(vec2<u32>(0u, 1u << (bin & 31u)), vec2<u32>(1u << bin, 0u), bin < 32u);
+}
+
+// The historygram of the bins from one to another, both among them.
+fn bins_between(low: u32, high: u32) -> vec2<u32> {
+    let above = vec2(0xffffffffu << min(low, 31u), 0xffffffffu << (max(low, 32u) - 32u));
+    let below = vec2(0xffffffffu >> (31u - min(high, 31u)), 0xffffffffu >> (63u - max(high, 32u)));
+    let is_apart = vec2(low >= 32u, high < 32u);
+    return select(above & below, vec2<u32>(0u), is_apart);
 }
 
 fn cell_index(cell: vec3<i32>) -> u32 {

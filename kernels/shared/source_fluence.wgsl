@@ -1,9 +1,8 @@
 // In-scattered light at a march sample from the fluence light field: one interpolated
-// fetch of the fluence, times scatter * colour, over all directions alike.
+// fetch of the fluence, times what scatters there.
 
 import package::shared::phase::PI;
-import package::shared::scene::{scene, shading};
-import package::shared::segment::SegmentParams;
+import package::shared::scene::scene;
 
 struct FluenceParams {
     grid: vec3<u32>,
@@ -36,9 +35,8 @@ fn fluence_at(point: vec3<f32>) -> vec3<f32> {
     return mix(mix(x00, x10, f.y), mix(x01, x11, f.y), f.z);
 }
 
-fn gather(
-    params: SegmentParams, point: vec3<f32>, entry: u32, weight: f32, toward: vec3<f32>, so_far: Gathered,
-) -> Gathered {
-    let light = weight / (4.0 * PI) * shading[entry].albedo * fluence_at(point);
+// `scattering` is seen over a length, and over all directions alike.
+fn gather(point: vec3<f32>, scattering: vec3<f32>, so_far: Gathered) -> Gathered {
+    let light = scattering / (4.0 * PI) * fluence_at(point);
     return Gathered(so_far.radiance + light, so_far.clamped, so_far.tested + 1u);
 }

@@ -80,7 +80,7 @@ fn rows_reached(place: vec2<f32>) -> u32 {
 }
 
 fn gather(
-    params: SegmentParams, point: vec3<f32>, entry: u32, weight: f32, toward: vec3<f32>, so_far: Gathered,
+    params: SegmentParams, point: vec3<f32>, weight: f32, toward: vec3<f32>, so_far: Gathered,
 ) -> Gathered {
     var sum = so_far;
     let cell = points_cell(point, field);

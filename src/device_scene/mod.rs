@@ -16,7 +16,7 @@ use crate::gpu::layout::shared_struct;
 use crate::gpu::run::Bindings;
 use crate::history::{Bins, LAYERS, MARK_CLASSES, Query};
 use crate::scene::{Filter, Scene, effective_majorant, extinction_limit};
-use crate::transfer::{CellEntries, Domain, TABLE_ENTRIES, Table, spans};
+use crate::transfer::{CellEntries, Domain, TABLE_ENTRIES, Table, spans, sum_unit};
 use crate::volume::cells::{CELL_EDGE, MacroCells};
 use crate::volume::texture::{MAX_SQUARES, bytes_of_squares, upload};
 use crate::volume::{Numbers, Volume, Voxels};
@@ -60,8 +60,16 @@ shared_struct! {
         pub bin_low: i32,
         /// The greatest bin.
         pub bin_high: i32,
+        /// Of sums of extinction over table entries (see `columns_of`).
+        pub unit: f32,
+        /// Of sums of emission.
+        pub glow_unit: f32,
         /// Keeps the size a multiple of 16.
-        pub pad: u32,
+        pub pad0: u32,
+        /// The same.
+        pub pad1: u32,
+        /// The same.
+        pub pad2: u32,
     }
 }
 
@@ -171,6 +179,8 @@ pub struct DeviceScene {
     /// [`Optics`] of the table, then [`CellLayers`].
     tracking: wgpu::Buffer,
     shading: wgpu::Buffer,
+    columns: wgpu::Texture,
+    columns_view: wgpu::TextureView,
     masks: wgpu::Texture,
     cell_masks: wgpu::TextureView,
     cell_ranges: wgpu::Buffer,
@@ -215,12 +225,15 @@ impl DeviceScene {
         let per_cell = size_of::<CellLayers>() / size_of::<Optics>();
         tracking.resize(TABLE_ENTRIES + per_cell * setup.ranges.len(), Optics::default());
         let masks = mask_texture(gpu, grid.cells.counts)?;
+        let columns = column_texture(gpu)?;
         let device = Self {
             params_buffer: gpu.upload("scene", &[setup.params])?,
             tracking: gpu.upload("tracking", &tracking)?,
             shading: gpu.upload("shading", &shading_of(&setup.table))?,
             cell_masks: masks.create_view(&Default::default()),
             masks,
+            columns_view: columns.create_view(&Default::default()),
+            columns,
             cell_ranges: gpu.upload("cell ranges", &setup.ranges)?,
             spans: gpu
                 .upload("layers", &layers_of_spans(&setup.table, &query, setup.params.majorant))?,
@@ -245,6 +258,7 @@ impl DeviceScene {
             grid,
         };
         device.write_masks(gpu);
+        device.write_columns(gpu, &device.table);
         device.find_layers(gpu)?;
         gpu.check("scene").map(|()| device)
     }
@@ -285,14 +299,11 @@ impl DeviceScene {
 
     fn write_masks(&self, gpu: &Gpu) {
         let masks = self.bins.masks(&self.cells).into_iter().map(words).collect::<Vec<_>>();
-        let size = self.masks.size();
-        let layout = wgpu::TexelCopyBufferLayout {
-            offset: 0,
-            bytes_per_row: Some(size.width * size_of::<[u32; 2]>() as u32),
-            rows_per_image: Some(size.height),
-        };
-        let copy = self.masks.as_image_copy();
-        gpu.queue().write_texture(copy, bytemuck::cast_slice(&masks), layout, size);
+        write_texture(gpu, &self.masks, &masks);
+    }
+
+    fn write_columns(&self, gpu: &Gpu, table: &Table) {
+        write_texture(gpu, &self.columns, &columns_of(table, &self.params));
     }
 
     /// Finds the layers of marks in each macro-cell.
@@ -323,6 +334,7 @@ impl DeviceScene {
     /// The device failed.
     pub fn edit(&mut self, gpu: &Gpu, table: Table, lights: Lights, query: &Query) -> Result<()> {
         self.params.visible_bins = words(self.bins.opaque_mask(&table));
+        self.params.glow_unit = sum_unit(table.max_emission());
         if (&table.extinction, &query.opened) != (&self.table.extinction, &self.opened) {
             gpu.write(&self.spans, &layers_of_spans(&table, query, self.params.majorant));
             self.find_layers(gpu)?;
@@ -331,6 +343,7 @@ impl DeviceScene {
         gpu.write(&self.params_buffer, &[self.params]);
         gpu.write(&self.tracking, &optics_of(&table, query));
         gpu.write(&self.shading, &shading_of(&table));
+        self.write_columns(gpu, &table);
         gpu.write(&self.lights_buffer, &[lights]);
         (self.table, self.lights) = (table, lights);
         Ok(())
@@ -348,6 +361,7 @@ impl DeviceScene {
             ("volume", (&self.volume).into()),
             ("tracking", (&self.tracking).into()),
             ("shading", (&self.shading).into()),
+            ("columns", (&self.columns_view).into()),
             ("cell_masks", (&self.cell_masks).into()),
             ("lights", (&self.lights_buffer).into()),
         ]
@@ -398,6 +412,70 @@ fn shading_of(table: &Table) -> Vec<Shading> {
         extinction: table.extinction[e],
     };
     (0..TABLE_ENTRIES).map(shading).collect()
+}
+
+/// Rows of the texture of columns.
+const COLUMN_ROWS: u32 = 6;
+
+/// Row by row a texel of each table entry: extinction times albedo, and extinction; the low words of
+/// their sums over the entries below, in [`SceneParams::unit`]; the high words; then the same three of
+/// emission, in [`SceneParams::glow_unit`].
+fn columns_of(table: &Table, params: &SceneParams) -> Vec<[u32; 4]> {
+    let mut texels = vec![[0; 4]; COLUMN_ROWS as usize * TABLE_ENTRIES];
+    let scattering = |e: usize| {
+        let [r, g, b] = table.albedo(e).map(|albedo| albedo * table.extinction[e]);
+        [r, g, b, table.extinction[e]]
+    };
+    let glow = |e: usize| {
+        let [r, g, b] = table.emission[e];
+        [r, g, b, 0.0]
+    };
+    let (first, last) = texels.split_at_mut(3 * TABLE_ENTRIES);
+    fill_columns(first, params.unit, scattering);
+    fill_columns(last, params.glow_unit, glow);
+    texels
+}
+
+fn fill_columns(rows: &mut [[u32; 4]], unit: f32, of: impl Fn(usize) -> [f32; 4]) {
+    let mut below = [0_u64; 4];
+    for e in 0..TABLE_ENTRIES {
+        let value = of(e);
+        rows[e] = value.map(f32::to_bits);
+        rows[TABLE_ENTRIES + e] = below.map(|sum| sum as u32);
+        rows[2 * TABLE_ENTRIES + e] = below.map(|sum| (sum >> 32) as u32);
+        for (sum, value) in below.iter_mut().zip(value) {
+            *sum += (f64::from(value) / f64::from(unit)).round() as u64;
+        }
+    }
+}
+
+fn column_texture(gpu: &Gpu) -> Result<wgpu::Texture> {
+    let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
+        label: Some("columns"),
+        size: wgpu::Extent3d {
+            width: TABLE_ENTRIES as u32,
+            height: COLUMN_ROWS,
+            depth_or_array_layers: 1,
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rgba32Uint,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    });
+    gpu.check("columns").map(|()| texture)
+}
+
+/// Writes all texels of a texture.
+fn write_texture<T: bytemuck::Pod>(gpu: &Gpu, texture: &wgpu::Texture, texels: &[T]) {
+    let size = texture.size();
+    let layout = wgpu::TexelCopyBufferLayout {
+        offset: 0,
+        bytes_per_row: Some(size.width * size_of::<T>() as u32),
+        rows_per_image: Some(size.height),
+    };
+    gpu.queue().write_texture(texture.as_image_copy(), bytemuck::cast_slice(texels), layout, size);
 }
 
 /// Room for the bins of each macro-cell: a texture takes none of the few storage buffers of a kernel.
@@ -488,7 +566,9 @@ impl Setup {
             bin_after: bins.after,
             bin_low: bins.low,
             bin_high: bins.high,
-            pad: 0,
+            unit: sum_unit(majorant as f32),
+            glow_unit: sum_unit(table.max_emission()),
+            ..Default::default()
         };
         let cell_values = cells.fold(|e| bins.tentative_bit(e, 0), |a, b| a | b);
         let range = |(&[low, high], values): (&[u16; 2], u64)| CellRange {

@@ -2,7 +2,7 @@
 //! and as query masks over the bins of histories, H(10).
 
 use super::{Bins, LAYERS};
-use crate::transfer::{TABLE_ENTRIES, Table};
+use crate::transfer::{TABLE_ENTRIES, Table, sum_unit};
 
 /// The entry's extinction rose: flights that met it may be stopped there.
 pub const CHANGE_RISEN: u32 = 1;
@@ -40,6 +40,8 @@ impl Query {
     /// of a history stand for it.
     pub fn between(old: &Table, new: &Table, bins: &Bins, majorant: f32) -> Self {
         let mut query = Self::default();
+        // Segments read sums of emission in this unit.
+        let [unit, other] = [old, new].map(|table| sum_unit(table.max_emission()));
         for (e, change) in query.changes.iter_mut().enumerate() {
             let (before, after) = (old.extinction[e], new.extinction[e]);
             let bits = |colour: [f32; 3]| colour.map(f32::to_bits);
@@ -49,8 +51,10 @@ impl Query {
                 (old.phase_g[e].to_bits() != new.phase_g[e].to_bits(), CHANGE_PHASE),
                 (bits(old.albedo(e)) != bits(new.albedo(e)), CHANGE_ALBEDO),
                 (bits(old.emission[e]) != bits(new.emission[e]), CHANGE_EMISSION),
+                (unit != other && new.emission[e] != [0.0; 3], CHANGE_EMISSION),
             ];
-            *change = differs.iter().filter(|(differs, _)| *differs).map(|(_, bit)| bit).sum();
+            *change =
+                differs.iter().filter(|(differs, _)| *differs).fold(0, |all, (_, bit)| all | bit);
             if after > before {
                 for layer in octaves(before, after, majorant) {
                     query.opened[e] |= 1 << layer;
@@ -138,6 +142,20 @@ mod tests {
         assert_eq!((both.risen, &both.opened), (q.risen, &q.opened));
         assert_eq!(both.changes[64], CHANGE_RISEN | CHANGE_FALLEN);
         assert!(!q.is_empty() && Query::between(&new, &new, &bins, 1.0).is_empty());
+    }
+
+    #[test]
+    fn where_sums_of_emission_have_another_unit_all_that_glows_is_asked_for() {
+        let glowing = |brightest: f32| {
+            table(|t| (t.emission[5], t.emission[900]) = ([0.1; 3], [brightest, 0.0, 0.0]))
+        };
+        let changed = |before: f32, after: f32| {
+            let query = Query::between(&glowing(before), &glowing(after), &Bins::uniform(1), 1.0);
+            (0..TABLE_ENTRIES).filter(|&e| query.changes[e] == CHANGE_EMISSION).collect::<Vec<_>>()
+        };
+        assert_eq!(changed(2.1, 3.9), [900]);
+        assert_eq!(changed(2.1, 4.1), [5, 900]);
+        assert_eq!(changed(2.1, 0.0), [5, 900]);
     }
 
     #[test]

@@ -11,6 +11,7 @@ pub mod merging;
 pub mod overhead;
 mod report;
 mod runs;
+pub mod steps;
 pub mod sweeps;
 pub mod table1;
 pub mod visits;
@@ -39,6 +40,7 @@ fn built_in(name: &str) -> Result<Scene> {
         "cornell" => include_str!("../../data/scenes/cornell.toml"),
         "engine" => include_str!("../../data/scenes/engine.toml"),
         "torso" => include_str!("../../data/scenes/torso.toml"),
+        "aorta" => include_str!("../../data/scenes/aorta.toml"),
         "kidneys" => include_str!("../../data/scenes/kidneys.toml"),
         _ => include_str!("../../data/scenes/hand.toml"),
     };

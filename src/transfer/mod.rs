@@ -17,6 +17,15 @@ pub use material::{Material, ramp_weight};
 /// Entries of a [`Table`].
 pub const TABLE_ENTRIES: usize = 4096;
 
+/// The unit in which values up to the `greatest` are summed over table entries, as 64-bit integers:
+/// a power of two, so that values of 24 bits keep them all unless they are below 2^-27 of it.
+pub fn sum_unit(greatest: f32) -> f32 {
+    let exponent = if greatest > 0.0 { greatest.log2().floor() + 1.0 } else { 0.0 };
+    // Twice the entries: a value may round up, and none may carry over.
+    let bits = 63.0 - (TABLE_ENTRIES as f32).log2();
+    (exponent - bits).exp2().max(f32::MIN_POSITIVE)
+}
+
 /// Built-in materials for CT in Hounsfield units: name and TOML, the keys of a scene's
 /// `[[material]]`.
 pub const PRESETS: [(&str, &str); 5] = [
@@ -94,6 +103,11 @@ impl Table {
     /// The greatest extinction, 1/mm.
     pub fn max_extinction(&self) -> f32 {
         self.extinction.iter().copied().fold(0.0, f32::max)
+    }
+
+    /// The greatest component of any emission.
+    pub fn max_emission(&self) -> f32 {
+        self.emission.iter().flatten().copied().fold(0.0, f32::max)
     }
 
     /// Whether an entry neither extinguishes nor emits.

@@ -273,7 +273,7 @@ impl<'a> Oracle<'a> {
         Some(entries)
     }
 
-    /// The values that a segment's samples must have read, or `None` where their number is
+    /// The values that a segment must have relied on, or `None` where their number is
     /// not certain.
     fn of_segment(&self, pixel: u32, index: u32) -> Option<Vec<u64>> {
         let camera = &self.scene.camera;
@@ -296,17 +296,11 @@ impl<'a> Oracle<'a> {
         let segments = f64::from(self.scene.settings.segments);
         let mut values = Vec::new();
         let mut depth = 0.0;
+        let any = |entries: &[u32]| entries.iter().fold(0, |m, &e| m | 1 << self.bin(e));
+        let extinction = |e: u32| f64::from(self.frame.scene.table.extinction[e as usize]);
+        let entries_at = |t: f64| self.entries_at(origin + way * t);
         // A segment that is opaque is not looked into any further.
-        let mut read = |at: f64, step: f64| {
-            if depth > 22.0 {
-                return;
-            }
-            if let Some(entries) = self.entries_at(origin + way * at) {
-                values.push(entries.iter().fold(0, |m, &e| m | 1 << self.bin(e)));
-                let extinction = |&e: &u32| self.frame.scene.table.extinction[e as usize];
-                depth += f64::from(entries.iter().map(extinction).fold(0.0, f32::max)) * step;
-            }
-        };
+        let is_opaque = |depth: f64| depth > 22.0;
         match self.scene.filter {
             Filter::Linear => {
                 let samples = length / f64::from(self.frame.scene.params.step);
@@ -317,7 +311,19 @@ impl<'a> Oracle<'a> {
                 let step = length / f64::from(samples);
                 let bound = |index: u32| samples * index / self.scene.settings.segments;
                 for i in bound(index)..bound(index + 1) {
-                    read(enter + (f64::from(i) + 0.5) * step, step);
+                    if is_opaque(depth) {
+                        break;
+                    }
+                    let end = |i: u32| entries_at(enter + f64::from(i) * step);
+                    let (Some(a), Some(b)) = (end(i), end(i + 1)) else { continue };
+                    values.extend([any(&a), any(&b)]);
+                    // Between two values are all that lie between.
+                    let least = |entries: &[u32]| entries.iter().copied().fold(u32::MAX, u32::min);
+                    let most = |entries: &[u32]| entries.iter().copied().fold(0, u32::max);
+                    let certain = most(&a).min(most(&b))..=least(&a).max(least(&b));
+                    values.extend(certain.map(|e| any(&[e])));
+                    let possible = least(&a).min(least(&b))..=most(&a).max(most(&b));
+                    depth += possible.map(extinction).fold(0.0, f64::max) * step;
                 }
             }
             Filter::Nearest => {
@@ -325,7 +331,14 @@ impl<'a> Oracle<'a> {
                 let end = enter + length * f64::from(index + 1) / segments;
                 let t = self.crossings((origin, way), self.spacing, begin, end);
                 for pair in t.windows(2).filter(|pair| pair[1] - pair[0] > 3.0 * CLOSE) {
-                    read((pair[0] + pair[1]) / 2.0, pair[1] - pair[0]);
+                    if is_opaque(depth) {
+                        break;
+                    }
+                    if let Some(entries) = entries_at((pair[0] + pair[1]) / 2.0) {
+                        values.push(any(&entries));
+                        let greatest = entries.into_iter().map(extinction).fold(0.0, f64::max);
+                        depth += greatest * (pair[1] - pair[0]);
+                    }
                 }
             }
         }
