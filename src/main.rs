@@ -5,7 +5,7 @@ mod cli;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, anyhow, ensure};
 use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use photogram::gpu::AdapterChoice;
 use photogram::scene::{Estimator, Method, Scale, Scene, Settings, VolumeSource, Weighting};
@@ -312,7 +312,15 @@ fn prepare(
     scene.film.exposure += args.exposure.unwrap_or(0.0);
     scene.check()?;
     let edits = changes.add_to(&mut scene)?;
-    let volume = scan.map_or_else(|| scene.volume.load(), Ok)?;
+    let volume = match scan {
+        Some(volume) => volume,
+        None => scene.volume.load().map_err(|error| match &scene.volume {
+            VolumeSource::File(path) if args.volume.is_none() && !path.exists() => {
+                anyhow!("{error}; the scene names it: `--volume FILE` puts another in its place")
+            }
+            _ => error.into(),
+        })?,
+    };
     cli::warn_of(&volume);
     changes::settle(&mut scene, &edits, &volume);
     Ok(Prepared { scene, volume, edits, told })

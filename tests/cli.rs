@@ -137,6 +137,8 @@ fn scenes_that_cannot_be() {
     ] {
         says(&Place::with(old, new).unrendered(&[]), &[expect]);
     }
+    let gone = Place::with("volume.nrrd", "gone.nrrd");
+    says(&gone.unrendered(&[]), &["gone.nrrd: cannot read", "`--volume FILE`"]);
     let missing = ["render", "none.toml", "-o", "out/image.exr"];
     says(&Place::new().refused(&missing), &["none.toml: cannot read", "No such file"]);
 }

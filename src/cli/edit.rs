@@ -90,6 +90,7 @@ pub fn run_edit(adapter: &AdapterChoice, args: &EditArgs) -> Result<()> {
         frame.field.name(),
         edit_table(&done)
     ))?;
+    args.out.as_deref().map_or(Ok(()), |out| say(out.display()))?;
     let rows: Vec<_> = done.iter().map(|(name, m)| edit_json(&gpu, name, m)).collect();
     json.map_or(Ok(()), |path| write_json(path, &rows))?;
     if scene.settings.spatial == Spatial::Off {
