@@ -6,10 +6,10 @@ import package::shared::points::{NOWHERE, PointsParams};
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
 @group(0) @binding(9) var<storage, read> order: array<u32>;
-@group(0) @binding(10) var<storage, read> seen_keys: array<u32>;
+@group(0) @binding(10) var<storage, read> seen_buckets: array<u32>;
 @group(0) @binding(11) var<storage, read> seen_places: array<vec4<u32>>;
 @group(0) @binding(12) var<storage, read> seen_lights: array<vec4<f32>>;
-@group(0) @binding(13) var<storage, read_write> keys: array<u32>;
+@group(0) @binding(13) var<storage, read_write> buckets: array<u32>;
 @group(0) @binding(14) var<storage, read_write> point_places: array<vec4<u32>>;
 @group(0) @binding(15) var<storage, read_write> point_lights: array<vec4<f32>>;
 
@@ -23,7 +23,7 @@ fn main(
     if i >= params.count { return; }
     let place = order[i];
     if place == NOWHERE { return; }
-    keys[place] = seen_keys[i];
+    buckets[place] = seen_buckets[i];
     point_places[place] = seen_places[i];
     point_lights[place] = seen_lights[i];
 }

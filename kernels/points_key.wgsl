@@ -1,14 +1,15 @@
-// Where the listed slots of a batch are, each with the key of its cell; among all that enter,
+// Where the listed slots of a batch are, each with its bucket; among all that enter,
 // from `first` on. Slots are told as those of the table.
 
 import package::shared::item::item_index;
+import package::shared::buckets::bucket_for;
 import package::shared::points::{Origin, PointsParams, points_cell, points_key};
 import package::constants::GROUP;
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
 @group(0) @binding(9) var<storage, read> places: array<vec4<u32>>;
 @group(0) @binding(10) var<storage, read> work: array<u32>;
-@group(0) @binding(11) var<storage, read_write> keys: array<u32>;
+@group(0) @binding(11) var<storage, read_write> buckets: array<u32>;
 @group(0) @binding(12) var<storage, read_write> origins: array<Origin>;
 @group(0) @binding(13) var<storage, read_write> point_places: array<vec4<u32>>;
 
@@ -24,7 +25,7 @@ fn main(
     let place = places[slot];
     let position = bitcast<vec3<f32>>(place.xyz);
     let point = params.first + i;
-    keys[point] = points_key(points_cell(position, params), params);
+    buckets[point] = bucket_for(points_key(points_cell(position, params), params), params);
     origins[point].slot = params.first_slot + slot;
     point_places[point] = place;
 }

@@ -9,7 +9,7 @@ import package::shared::kept::{is_kept, kept_before};
 import package::shared::points::{NOWHERE, PointsParams};
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
-@group(0) @binding(9) var<storage, read> keys: array<u32>;
+@group(0) @binding(9) var<storage, read> buckets: array<u32>;
 @group(0) @binding(10) var<storage, read> starts: array<u32>;
 @group(0) @binding(11) var<storage, read_write> added: array<atomic<u32>>;
 @group(0) @binding(12) var<storage, read_write> order: array<u32>;
@@ -22,7 +22,7 @@ fn main(
 ) {
     let i = item_index(group, groups, local);
     if i >= params.count { return; }
-    let next = (keys[i] >> params.shift) + 1u;
+    let next = buckets[i] + 1u;
     if params.fresh == 1u {
         order[i] = kept_before(starts[next]) + atomicAdd(&added[next], 1u);
         return;

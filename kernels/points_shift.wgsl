@@ -19,5 +19,5 @@ fn main(
     let bucket = item_index(group, groups, local);
     if bucket > params.buckets { return; }
     starts[bucket] = kept_before(starts[bucket]) + added[bucket];
-    if bucket < params.buckets { starts[params.buckets + 1u + bucket] = 0u; }
+    @if(!hashed) { if bucket < params.buckets { starts[params.buckets + 1u + bucket] = 0u; } }
 }

@@ -12,8 +12,11 @@ pub struct Split {
     /// Slots whose points share a table, at most, unless they are of one batch; `None`: as many as
     /// a binding holds.
     pub table_slots: Option<u32>,
-    /// Buckets of a table of points, at most; `None`: 16 MiB of them.
+    /// Cells of the grid of points that each have a bucket, at most: more are hashed; `None`: as many
+    /// as was measured to be faster.
     pub buckets: Option<u32>,
+    /// Another hash of those cells.
+    pub salt: Option<u32>,
     /// Whether updates take all points anew, and do not merge those that moved with the others;
     /// `None`: where that was measured to be faster.
     pub anew: Option<bool>,

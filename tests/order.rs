@@ -57,7 +57,8 @@ fn order_of_work_changes_no_bit() {
         ("shuffled", Split { shuffle: Some(7), ..plain }),
         ("bands", Split { band_rows: Some(7), ..plain }),
         ("batches", Split { batch_photons: Some(1234), ..plain }),
-        ("buckets", Split { buckets: Some(100), ..plain }),
+        ("hashed", Split { buckets: Some(100), ..plain }),
+        ("hashed otherwise", Split { buckets: Some(100), salt: Some(0x5eed), ..plain }),
         ("tables", Split { batch_photons: Some(500), table_slots: Some(20_000), ..plain }),
         ("all", Split { batch_photons: Some(999), band_rows: Some(4), shuffle: Some(11), ..plain }),
     ];

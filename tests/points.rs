@@ -1,4 +1,4 @@
-//! The tables of points against the slots of all photons, put in buckets by a sort on the host.
+//! The tables of points against the slots of all photons, each in the bucket of its cell.
 
 mod common;
 
@@ -10,18 +10,13 @@ use photogram::scene::{Estimator, Filter, Scene, Weighting};
 use photogram::split::Split;
 use photogram::update::{PhotonFrame, Scope};
 
-/// Gather radius, mm, of scenes whose cells are a bucket each; and of a scene that has more cells
-/// than buckets.
+/// Gather radius, mm, of scenes whose cells are a bucket each; and of a scene whose cells are hashed.
 const RADII: [f32; 2] = [7.5, 0.25];
-/// Buckets, at most.
-const MOST: u32 = 1 << 22;
 
 /// Cells of this edge along each axis.
 struct Grid {
     radius: f32,
     cells: [u32; 3],
-    /// In a bucket.
-    each: u32,
 }
 
 impl Grid {
@@ -29,21 +24,16 @@ impl Grid {
         let points = frame.field.points().expect("points were asked for");
         let radius = points.radius;
         let cells = frame.scene.params.extent.map(|e| (e / radius).ceil() as u32);
-        let each = cells.iter().product::<u32>().div_ceil(MOST).next_power_of_two();
-        Self { radius, cells, each }
+        Self { radius, cells }
     }
 
-    fn buckets(&self) -> usize {
-        self.cells.iter().product::<u32>().div_ceil(self.each) as usize
-    }
-
-    /// The bucket of a point.
-    fn bucket(&self, place: &[u32; 4]) -> u32 {
+    /// The cell of a point.
+    fn cell(&self, place: &[u32; 4]) -> u32 {
         let at = |axis: usize| {
             let cell = (f32::from_bits(place[axis]) / self.radius).floor() as u32;
             cell.min(self.cells[axis] - 1)
         };
-        ((at(2) * self.cells[1] + at(1)) * self.cells[0] + at(0)) / self.each
+        (at(2) * self.cells[1] + at(1)) * self.cells[0] + at(0)
     }
 }
 
@@ -61,23 +51,27 @@ fn interactions(frame: &PhotonFrame) -> Vec<[u32; 4]> {
 /// What is wrong with the tables, if anything is.
 fn fault(tables: &[Contents], expected: &[[u32; 4]], grid: &Grid) -> Option<&'static str> {
     let mut found = Vec::new();
-    for Contents { places, lights, starts, .. } in tables {
-        if starts.len() != grid.buckets() + 1 {
+    for Contents { places, lights, starts, cells, .. } in tables {
+        if starts.len() != cells.len() + 1 || starts[0] != 0 {
             return Some("another number of buckets");
         }
-        if lights.len() != places.len() || starts[starts.len() - 1] as usize != places.len() {
+        if lights.len() != places.len() || starts[cells.len()] as usize != places.len() {
             return Some("points beyond the last bucket");
         }
-        let mut sorted = places.clone();
-        radsort::sort_by_key(&mut sorted, |place| grid.bucket(place));
-        if places.iter().zip(&sorted).any(|(a, b)| grid.bucket(a) != grid.bucket(b)) {
-            return Some("a point in another bucket's place");
+        let mut known = cells.iter().flatten().collect::<Vec<_>>();
+        known.sort_unstable();
+        if known.windows(2).any(|pair| pair[0] == pair[1]) {
+            return Some("a cell with two buckets");
         }
-        let begin = |of: u32| sorted.partition_point(|place| grid.bucket(place) < of) as u32;
-        if (0..).zip(starts).any(|(of, &start)| begin(of) != start) {
-            return Some("a bucket that begins elsewhere");
+        for (range, cell) in starts.windows(2).zip(cells) {
+            let Some(inside) = places.get(range[0] as usize..range[1] as usize) else {
+                return Some("a bucket that begins elsewhere");
+            };
+            if inside.iter().any(|place| Some(grid.cell(place)) != *cell) {
+                return Some("a point in another bucket's place");
+            }
         }
-        found.extend(sorted);
+        found.extend_from_slice(places);
     }
     let mut expected = expected.to_vec();
     found.sort_unstable();
@@ -93,7 +87,7 @@ fn check(frame: &PhotonFrame, what: &str) {
 }
 
 #[test]
-fn tables_have_all_interactions_in_the_buckets_of_a_sort() {
+fn tables_have_all_interactions_in_the_buckets_of_their_cells() {
     let plain = Split::default();
     let [radius, least] = RADII;
     let splits = [
@@ -104,6 +98,14 @@ fn tables_have_all_interactions_in_the_buckets_of_a_sort() {
         ("merged", radius, Split { anew: Some(false), ..plain }, 1),
         ("anew", radius, Split { anew: Some(true), ..plain }, 1),
         ("many cells", least, plain, 1),
+        ("hashed", radius, Split { buckets: Some(1), ..plain }, 1),
+        (
+            "hashed tables",
+            radius,
+            Split { buckets: Some(1), batch_photons: Some(200), table_slots: Some(2500), ..plain },
+            3,
+        ),
+        ("hashed, merged", radius, Split { buckets: Some(1), anew: Some(false), ..plain }, 1),
     ];
     for weighting in [Weighting::Plain, Weighting::Even] {
         for (how, radius, split, tables) in splits {
@@ -111,7 +113,6 @@ fn tables_have_all_interactions_in_the_buckets_of_a_sort() {
             scene.settings.radius = Some(radius.into());
             let mut frame = frame(&scene, &volume, &split);
             check(&frame, how);
-            assert_eq!(Grid::of(&frame).each > 1, radius == least, "{how}");
             let points = frame.field.points().expect("points were asked for");
             assert_eq!(points.tables(), tables, "{how}");
             let home = scene.clone();
@@ -134,6 +135,21 @@ fn tables_have_all_interactions_in_the_buckets_of_a_sort() {
             edit(&scene, "most photons gone");
             edit(&home, "as it was");
         }
+    }
+}
+
+/// A look-up in a hash table tests the points of its cells, and no others.
+#[test]
+fn as_many_points_are_tested_where_cells_are_hashed() {
+    let (mut scene, volume) = world(Estimator::Points, Weighting::Even, Filter::Linear);
+    let plain = Split::default();
+    for radius in [2.0, 7.5] {
+        scene.settings.radius = Some(radius);
+        let tested = [plain, Split { buckets: Some(1), ..plain }].map(|split| {
+            let frame = frame(&scene, &volume, &split);
+            frame.counts(gpu()).expect("reads").gathered
+        });
+        assert!(tested[0] > 50 && tested[0] == tested[1], "{tested:?}");
     }
 }
 
@@ -171,7 +187,7 @@ fn a_point_or_a_bucket_elsewhere_is_seen() {
     let mut shifted = read();
     let at = shifted[0].starts.iter().position(|&start| start > 0).expect("some begin later");
     shifted[0].starts[at] -= 1;
-    assert_eq!(fault(&shifted, &expected, &grid), Some("a bucket that begins elsewhere"));
+    assert_eq!(fault(&shifted, &expected, &grid), Some("a point in another bucket's place"));
     let mut other = read();
     other[0].places[0][3] ^= 1;
     assert_eq!(fault(&other, &expected, &grid), Some("other points"));

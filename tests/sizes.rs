@@ -35,16 +35,16 @@ fn rays_of_many_segments_are_exact() {
     }
 }
 
-/// Buckets of several cells, and of several rows of cells.
+/// Cells that are hashed, by several hashes.
 #[test]
-fn buckets_of_several_cells_are_exact() {
-    for buckets in [2000, 200, 20, 1] {
-        let split = Split { buckets: Some(buckets), ..Split::default() };
+fn hashed_cells_are_exact() {
+    for salt in [0, 1, 0xffff_ffff] {
+        let split = Split { buckets: Some(1), salt: Some(salt), ..Split::default() };
         let (mut scene, volume) = world(Estimator::Points, Weighting::Plain, Filter::Linear);
         let mut frame = frame(&scene, &volume, &split);
         let mut edit = |scene: &Scene| {
             let (_, done) = update(&mut frame, scene, &split);
-            assert_eq!(difference(&frame, scene, &volume), None, "{buckets} buckets");
+            assert_eq!(difference(&frame, scene, &volume), None, "salt {salt}");
             done
         };
         scene.materials[2].colour *= 0.5;

@@ -48,6 +48,7 @@ fn random_edits_of_random_scenes_leave_what_a_rebuild_leaves() {
             journal: Some(128),
             table_slots: [None, Some(5000)][world as usize / 3 % 2],
             buckets: [None, Some(50)][world as usize / 6 % 2],
+            salt: Some(world as u32),
             anew: [None, Some(true), Some(false)][world as usize % 3],
             shuffle: Some(world).filter(|_| dice.below(3) == 0),
         };

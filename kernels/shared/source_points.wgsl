@@ -4,7 +4,9 @@
 
 import package::shared::counter::expect;
 import package::shared::phase::phase;
-import package::shared::points::{ROWS, PointsParams, points_cell, points_key, row_beside, rows_at};
+import package::shared::points::{
+    ROWS, RUN, PointsParams, points_cell, points_key, row_beside, rows_at, run_of, bit_of, first_slot, next_slot, slot_at
+};
 import package::shared::segment::SegmentParams;
 import package::shared::segment_sums::{Sums, sums_with};
 import package::shared::slot::unpack_direction;
@@ -60,12 +62,46 @@ fn share_of(light: vec4<f32>, i: u32, q: Lookup) -> Share {
 // What rounding may amount to, in cells.
 const SLACK: f32 = 1e-3;
 
-// The points of a part of a row of cells.
-fn points_between(params: SegmentParams, cells: vec2<i32>, row: vec2<i32>) -> vec2<u32> {
-    let first = points_key(vec3<i32>(cells.x, row), field) >> field.shift;
-    let last = points_key(vec3<i32>(cells.y, row), field) >> field.shift;
-    let begin = max(starts[first], params.points_begin);
-    return vec2(begin, min(starts[last + 1u], params.points_end));
+// The points of buckets side by side.
+fn points_between(params: SegmentParams, first: u32, last: u32) -> vec2<u32> {
+    return vec2(max(starts[first], params.points_begin), min(starts[last + 1u], params.points_end));
+}
+
+// Points of cells side by side in a row, from one key to another: those of all, or of what is of the
+// first cell's run, and the key that comes after.
+struct Piece {
+    points: vec2<u32>,
+    next: u32,
+}
+
+@if(!hashed)
+fn piece(params: SegmentParams, key: u32, last: u32) -> Piece {
+    return Piece(points_between(params, key, last), last + 1u);
+}
+
+// Whether cells side by side in a row, of two runs at most, may have points.
+@if(hashed)
+fn may_have(first: u32, last: u32) -> bool {
+    let a = bit_of(run_of(first), field);
+    let b = bit_of(run_of(last), field);
+    if (starts[a.word] & a.bit) != 0u { return true; }
+    return (starts[b.word] & b.bit) != 0u;
+}
+
+@if(hashed)
+fn piece(params: SegmentParams, key: u32, last: u32) -> Piece {
+    let end = min(last, key | (RUN - 1u));
+    let run = run_of(key);
+    var slot = first_slot(run, field);
+    var held = starts[slot_at(slot, field)];
+    while held != run && held != 0u {
+        slot = next_slot(slot, field);
+        held = starts[slot_at(slot, field)];
+    }
+    expect(held == run || held == 0u);
+    var found = Piece(vec2<u32>(0u), end + 1u);
+    if held == run { found.points = points_between(params, RUN * slot + key % RUN, RUN * slot + end % RUN); }
+    return found;
 }
 
 // The rows around a cell that the sphere about a place in it reaches: not all at the corners.
@@ -86,17 +122,19 @@ fn gather(
     let cell = points_cell(point, field);
     let at = point / field.radius;
     let widest = vec2(max(cell.x - 1, 0), min(cell.x + 1, i32(field.grid.x) - 1));
+    var asked = rows_reached(at.yz - vec2<f32>(cell.yz)) & ((1u << ROWS) - 1u);
     // Only rows that have any are asked, one after the other: to list their points first was slower
     // on a software adapter.
-    var asked = (1u << ROWS) - 1u;
-    if field.shift == 0u { asked = starts[rows_at(cell, field)]; }
-    asked &= rows_reached(at.yz - vec2<f32>(cell.yz));
+    @if(!hashed) { asked &= starts[rows_at(cell, field)]; }
     let q = Lookup(point, weight, toward);
-    var met = 0u;    // points of rows before: a bucket may have cells of two
     while asked != 0u {
         let row = row_beside(cell, firstTrailingBit(asked));
         asked &= asked - 1u;
         if any(row < vec2<i32>(0)) || any(row >= vec2<i32>(field.grid.yz)) { continue; }
+        @if(hashed) {
+            let begin = points_key(vec3<i32>(widest.x, row), field);
+            if !may_have(begin, begin + u32(widest.y - widest.x)) { continue; }
+        }
         // Only the cells of the row that the sphere reaches, and a little more for rounding.
         let beside = vec2<f32>(row) - at.yz;
         let apart = max(max(beside, -beside - 1.0) - SLACK, vec2<f32>(0.0));
@@ -104,12 +142,18 @@ fn gather(
         let half = sqrt(max(reach, 0.0)) + SLACK;
         let least = i32(floor(at.x - half));
         let most = i32(floor(at.x + half));
-        let run = points_between(params, clamp(vec2(least, most), widest.xx, widest.yy), row);
-        var i = max(run.x, met);
-        met = max(run.y, i);
-        sum.tested += met - i;
-        for (; i < met; i++) { sum = with_point(i, q, sum); }
-        expect(i == met);
+        let reached = clamp(vec2(least, most), widest.xx, widest.yy);
+        var key = points_key(vec3<i32>(reached.x, row), field);
+        let last = points_key(vec3<i32>(reached.y, row), field);
+        while key <= last {
+            let found = piece(params, key, last);
+            key = found.next;
+            var i = found.points.x;
+            sum.tested += max(found.points.y, i) - i;
+            for (; i < found.points.y; i++) { sum = with_point(i, q, sum); }
+            expect(i >= found.points.y);
+        }
+        expect(key > last);
     }
     expect(asked == 0u);
     return sum;

@@ -75,8 +75,8 @@ pub(super) fn needs(scene: &Scene, device: &DeviceScene, making: Making) -> Vec<
         Estimator::Points if parts.field || photons > 0 => {
             let has_histories = settings.history && settings.weighting == Weighting::Even;
             let each = if has_histories { 52 } else { 44 };
-            let buckets = u64::from(points::MAX_BUCKETS);
-            let bytes = slots * each + if parts.field { 8 * buckets } else { 0 };
+            let buckets = points::buckets::most_bytes(points::are_hashed(device, settings), slots);
+            let bytes = slots * each + if parts.field { buckets } else { 0 };
             let what = "points of the photons, at most (`photons`, `max_events`)".into();
             needs.push(Need { part: "points", what, bytes, piece: 0 });
         }

@@ -7,6 +7,7 @@
 
 use std::ops::Range;
 
+use super::buckets::Buckets;
 use super::table::{Block, Bucketed};
 use super::{Points, PointsParams};
 use crate::device_scene::Context;
@@ -34,20 +35,19 @@ pub(super) struct Listed {
     count: u32,
     places: wgpu::Buffer,
     lights: wgpu::Buffer,
-    starts: wgpu::Buffer,
+    buckets: Buckets,
 }
 
 impl Listed {
-    pub(super) fn run<'a>(&'a self, field: &'a wgpu::Buffer) -> Run<'a> {
-        let Self { count, places, lights, starts } = self;
-        Bucketed { count: *count, places, lights, starts }.run(field)
+    pub(super) fn run(&self) -> Run<'_> {
+        let Self { count, places, lights, buckets } = self;
+        Bucketed { count: *count, places, lights, buckets }.run()
     }
 }
 
 /// Points whose light may have changed.
 pub(super) struct Moved {
     count: u32,
-    keys: wgpu::Buffer,
     places: wgpu::Buffer,
     /// The light that segments have seen; `None`: dark.
     seen: Option<wgpu::Buffer>,
@@ -74,9 +74,9 @@ impl Moved {
     }
 
     fn all(part: &Block) -> Self {
-        let [keys, places, lights] = [&part.keys, &part.places, &part.lights].map(Clone::clone);
+        let [places, lights] = [&part.places, &part.lights].map(Clone::clone);
         let seen = Some(lights.clone());
-        Self { count: part.count, keys, places, seen, now: Some(lights), marked: None }
+        Self { count: part.count, places, seen, now: Some(lights), marked: None }
     }
 
     /// How many are marked is to be learned yet.
@@ -172,46 +172,45 @@ impl Points {
         }
     }
 
-    /// All listed points together, in the buckets of their keys.
+    /// All listed points together, in the buckets of their cells.
     fn taken(&self, gpu: &Gpu, listed: &[Found], lights: u32) -> Result<Listed> {
-        let taken = Listed {
+        let mut taken = Listed {
             count: lights,
             places: gpu.buffer::<[u32; 4]>("point places", lights as usize)?,
             lights: gpu.buffer::<[f32; 4]>("point lights", lights as usize)?,
-            starts: self.starts(gpu)?,
+            buckets: self.buckets(gpu, lights)?,
         };
+        taken.buckets.expect(lights);
         let mut stage = gpu.stage("points_take");
-        stage.clear(&taken.starts);
         for found in listed {
             let Found { points, list } = found;
             let bindings = [
                 ("work", (&list.items).into()),
-                ("keys", (&points.keys).into()),
-                ("starts", (&taken.starts).into()),
+                ("from_places", (&points.places).into()),
+                ("starts", (&taken.buckets.starts).into()),
             ];
-            let params =
-                PointsParams { lights_each: found.lights_each(), ..self.params(list.count) };
-            stage.dispatch(&self.tally, list.count.into(), &bindings, &params)?;
+            let lights_each = found.lights_each();
+            let params = PointsParams { lights_each, ..taken.buckets.with(list.count) };
+            stage.dispatch(&self.tally_listed, list.count.into(), &bindings, &params)?;
         }
-        let begins = self.params.buckets + 1;
-        Scanner::new(gpu, begins)?.record(&mut stage, &taken.starts, begins)?;
+        let begins = taken.buckets.params.buckets + 1;
+        Scanner::new(gpu, begins)?.record(&mut stage, &taken.buckets.starts, begins)?;
         for Found { points, list } in listed {
             for (lights, sign) in [(&points.seen, -1.0), (&points.now, 1.0)] {
                 let Some(lights) = lights else { continue };
                 let bindings = [
                     ("work", (&list.items).into()),
-                    ("keys", (&points.keys).into()),
                     ("from_places", (&points.places).into()),
                     ("from_lights", lights.into()),
-                    ("starts", (&taken.starts).into()),
+                    ("starts", (&taken.buckets.starts).into()),
                     ("point_places", (&taken.places).into()),
                     ("point_lights", (&taken.lights).into()),
                 ];
-                let params = PointsParams { sign, ..self.params(list.count) };
+                let params = PointsParams { sign, ..taken.buckets.with(list.count) };
                 stage.dispatch(&self.take, list.count.into(), &bindings, &params)?;
             }
         }
-        self.tell_rows(&mut stage, &taken.starts)?;
+        self.tell_rows(&mut stage, &taken.buckets)?;
         stage.finish()?;
         Ok(taken)
     }

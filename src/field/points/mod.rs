@@ -1,21 +1,22 @@
 //! The `points` light field: photons side by side with those of the same cell of a grid
 //! whose edge is the gather radius, H(8).
 //!
-//! Only live slots enter, with what a gather needs of each. A table of buckets, each of 2^shift
-//! consecutive cells, says where to begin; it needs no probing, and its size is bounded however
-//! small the radius. One table has the points of all lights, as far as a binding holds them: a
+//! Only live slots enter, with what a gather needs of each, side by side with those of their cell
+//! ([`buckets`]). One table has the points of all lights, as far as a binding holds them: a
 //! ray is marched once for each.
 //!
 //! An update leaves points in their order. Those that went are dropped, those that came join the
 //! others in their buckets. Whose light changed is known on the way (`changes`), so that segments
 //! take the old light out and add the new, and gather nothing else.
 
+pub mod buckets;
 mod changes;
 mod refresh;
 mod table;
 
 use std::sync::Arc;
 
+use self::buckets::{Buckets, most_points};
 use self::changes::{Changes, Moved};
 use self::table::{Block, Table};
 use super::dirty::Dirty;
@@ -33,8 +34,6 @@ use crate::photon::{Follows, Part, PhotonMap};
 use crate::scene::{Estimator, Settings, Weighting};
 use crate::split::Split;
 
-/// Buckets of a table, at most: 32 MiB, and as much again for points that changed.
-pub const MAX_BUCKETS: u32 = 1 << 22;
 /// Points of which a work group finds means.
 pub const MEAN_BLOCK: u32 = 512;
 
@@ -47,9 +46,9 @@ shared_struct! {
         pub count: u32,
         /// Gather radius and edge of a cell, mm.
         pub radius: f32,
-        /// Cells in a bucket, as a power of two.
-        pub shift: u32,
-        /// Buckets in the table.
+        /// Slots for runs of cells, a power of two; 0 where each cell has a bucket.
+        pub runs: u32,
+        /// Buckets.
         pub buckets: u32,
         /// 1 / (4/3 pi r³).
         pub per_ball: f32,
@@ -71,12 +70,12 @@ shared_struct! {
         pub first_slot: u32,
         /// How many those are.
         pub slots: u32,
+        /// Of the hash.
+        pub salt: u32,
+        /// Runs that share a bit, as a power of two.
+        pub mask_shift: u32,
         /// Keeps the size a multiple of 16.
         pub pad0: u32,
-        /// The same.
-        pub pad1: u32,
-        /// The same.
-        pub pad2: u32,
     }
 }
 
@@ -109,6 +108,8 @@ pub struct Contents {
     pub mean_histories: Vec<u64>,
     /// Where each bucket begins, and the last ends.
     pub starts: Vec<u32>,
+    /// The cell of each bucket, x fastest; `None` where it has none.
+    pub cells: Vec<Option<u32>>,
 }
 
 /// The points of all photons.
@@ -118,8 +119,8 @@ pub struct Points {
     /// Units of the segments' sums.
     scale: f32,
     params: PointsParams,
-    /// What gathers are told of the grid.
-    field: wgpu::Buffer,
+    /// Whether buckets are those of a hash table.
+    is_hashed: bool,
     /// Whether fluence is blurred, not collision density.
     pub even: bool,
     tables: Vec<Table>,
@@ -152,9 +153,24 @@ pub struct Points {
     dirty_pace: Pace,
     take: Arc<Kernel>,
     tally: Arc<Kernel>,
+    tally_listed: Arc<Kernel>,
     rows: Arc<Kernel>,
     arrange: Arc<Kernel>,
     origins: Arc<Kernel>,
+}
+
+/// The gather radius, mm, and how many cells the grid has along each axis.
+fn grid_of(scene: &DeviceScene, settings: &Settings) -> (f64, [f64; 3]) {
+    let spacing = scene.params.per_voxel.map(|n| 1.0 / f64::from(n));
+    let smallest = spacing.iter().copied().fold(f64::INFINITY, f64::min);
+    let radius = settings.radius.unwrap_or(smallest);
+    (radius, scene.params.extent.map(|e| (f64::from(e) / radius).ceil().max(1.0)))
+}
+
+/// Whether the points of a scene would lie in a hash table.
+pub fn are_hashed(scene: &DeviceScene, settings: &Settings) -> bool {
+    let (_, grid) = grid_of(scene, settings);
+    buckets::are_hashed(grid.iter().product::<f64>() as u64, &Split::default())
 }
 
 impl Points {
@@ -163,10 +179,7 @@ impl Points {
     /// # Errors
     /// The radius is too small for the volume.
     pub fn new(gpu: &Gpu, scene: &DeviceScene, settings: &Settings, split: &Split) -> Result<Self> {
-        let spacing = scene.params.per_voxel.map(|n| 1.0 / f64::from(n));
-        let smallest = spacing.iter().copied().fold(f64::INFINITY, f64::min);
-        let radius = settings.radius.unwrap_or(smallest);
-        let grid = scene.params.extent.map(|e| (f64::from(e) / radius).ceil().max(1.0));
+        let (radius, grid) = grid_of(scene, settings);
         let cells = grid.iter().product::<f64>();
         if cells > f64::from(u32::MAX) {
             return Err(Error::capacity(
@@ -176,16 +189,14 @@ impl Points {
                 ),
             ));
         }
-        let cells = cells as u64;
-        let most = split.buckets.unwrap_or(MAX_BUCKETS).max(1);
-        let shift = cells.div_ceil(most.into()).next_power_of_two().ilog2();
+        let is_hashed = buckets::are_hashed(cells as u64, split);
+        let hashed: &[&str] = if is_hashed { &["hashed"] } else { &[] };
         let even = settings.weighting == Weighting::Even;
         let params = PointsParams {
             grid: grid.map(|n| n as u32),
             count: 0,
             radius: radius as f32,
-            shift,
-            buckets: cells.div_ceil(1 << shift) as u32,
+            salt: split.salt.unwrap_or(0),
             per_ball: (0.75 / (std::f64::consts::PI * radius.powi(3))) as f32,
             ..Default::default()
         };
@@ -199,7 +210,7 @@ impl Points {
             radius: radius as f32,
             scale: (CONTRIBUTION / typical) as f32,
             none: Block::new(gpu, 0, false)?,
-            field: gpu.upload("points field", &[params])?,
+            is_hashed,
             params,
             tables: Vec::new(),
             moved: Vec::new(),
@@ -211,17 +222,18 @@ impl Points {
             marked: Counters::default(),
             mark: gpu.kernel("points_mark", &[])?,
             keep: gpu.kernel("points_keep", &[])?,
-            key: gpu.kernel("points_key", &[])?,
+            key: gpu.kernel("points_key", hashed)?,
             merge: gpu.kernel("points_merge", &[])?,
-            shift: gpu.kernel("points_shift", &[])?,
+            shift: gpu.kernel("points_shift", hashed)?,
             mean: gpu.kernel("points_mean", &scene.flags())?,
             query: gpu.kernel("points_query", &[])?,
             record: record_kernel(gpu, scene, even)?,
             dirty: gpu.kernel("points_dirty", &[])?,
             dirty_pace: Pace::new(1 << 14),
-            take: gpu.kernel("points_take", &[])?,
+            take: gpu.kernel("points_take", hashed)?,
             rows: gpu.kernel("points_rows", &[])?,
-            tally: gpu.kernel("points_count", &[])?,
+            tally: gpu.kernel("points_count", hashed)?,
+            tally_listed: gpu.kernel("points_count", &[hashed, &["listed"]].concat())?,
             arrange: gpu.kernel("points_arrange", &[])?,
             origins: gpu.kernel("points_origins", if even { &["even"] } else { &[] })?,
         })
@@ -246,7 +258,10 @@ impl Points {
         let reach = if all { Reach::All } else { Reach::StaleBatches };
         self.params.changed = words(query.mask(extinction, &cx.scene.bins));
         self.moved.clear();
-        let fit = (gpu.max_binding() / 16).min(u32::MAX.into()) as u32;
+        let mut fit = (gpu.max_binding() / 16).min(u32::MAX.into()) as u32;
+        if self.is_hashed {
+            fit = fit.min(most_points(gpu.max_binding()));
+        }
         let most = request.split.table_slots.unwrap_or(fit);
         let tables = self.with_all(gpu, map, most)?;
         let total = tables.len() as u64;
@@ -287,7 +302,7 @@ impl Points {
 
     fn empty(&self, gpu: &Gpu) -> Result<Table> {
         let part = Block::new(gpu, 0, self.has_histories())?;
-        Ok(Table { members: Vec::new(), part, starts: self.starts(gpu)? })
+        Ok(Table { members: Vec::new(), part, buckets: self.buckets(gpu, 0)? })
     }
 
     /// Whether points have means, and those histories.
@@ -295,19 +310,19 @@ impl Points {
         self.even && self.history
     }
 
-    /// Room for where each bucket begins, and the last ends, and for which rows around each cell
-    /// have points.
-    fn starts(&self, gpu: &Gpu) -> Result<wgpu::Buffer> {
-        gpu.buffer::<u32>("points starts", 2 * self.params.buckets as usize + 1)
+    /// Empty buckets for so many points.
+    fn buckets(&self, gpu: &Gpu, count: u32) -> Result<Buckets> {
+        Buckets::new(gpu, self.params, count, self.is_hashed)
     }
 
     /// Tells which rows around each cell have points, where each is a bucket.
-    fn tell_rows(&self, stage: &mut Stage, starts: &wgpu::Buffer) -> Result<()> {
-        if self.params.shift > 0 {
+    fn tell_rows(&self, stage: &mut Stage, buckets: &Buckets) -> Result<()> {
+        if self.is_hashed {
             return Ok(());
         }
-        let cells = self.params.buckets.into();
-        stage.dispatch(&self.rows, cells, &[("starts", starts.into())], &self.params)
+        let cells = buckets.params.buckets.into();
+        let bindings = [("starts", (&buckets.starts).into())];
+        stage.dispatch(&self.rows, cells, &bindings, &buckets.params)
     }
 
     fn params(&self, count: u32) -> PointsParams {
@@ -329,16 +344,17 @@ impl Points {
     /// # Errors
     /// The device failed.
     pub fn read(&self, gpu: &Gpu) -> Result<Vec<Contents>> {
-        let contents = self.tables.iter().map(|Table { part, starts, .. }| {
+        let contents = self.tables.iter().map(|Table { part, buckets, .. }| {
             let mut places = gpu.read::<[u32; 4]>("point places", &part.places)?;
             let mut lights = gpu.read::<[f32; 4]>("point lights", &part.lights)?;
             places.truncate(part.count as usize);
             lights.truncate(part.count as usize);
-            let mut starts = gpu.read("points starts", starts)?;
-            starts.truncate(self.params.buckets as usize + 1);
+            let mut starts = gpu.read("points starts", &buckets.starts)?;
+            let cells = buckets.cells(&starts);
+            starts.truncate(buckets.params.buckets as usize + 1);
             let mut mean_histories = gpu.read("mean histories", &part.mean_histories)?;
             mean_histories.truncate(if self.has_histories() { places.len() } else { 0 });
-            Ok(Contents { places, lights, mean_histories, starts })
+            Ok(Contents { places, lights, mean_histories, starts, cells })
         });
         contents.collect()
     }
@@ -440,18 +456,19 @@ impl LightField for Points {
     }
 
     fn segment_flags(&self) -> Vec<&'static str> {
-        self.even.then_some("even").into_iter().collect()
+        let flags = [("even", self.even), ("hashed", self.is_hashed)];
+        flags.iter().filter(|(_, on)| *on).map(|(flag, _)| *flag).collect()
     }
 
     fn runs(&self) -> Vec<Run<'_>> {
-        self.tables.iter().map(|table| table.run(&self.field)).collect()
+        self.tables.iter().map(|table| table.run()).collect()
     }
 
     /// The points whose light changed, with old and new light.
     fn changes(&self) -> Option<Vec<Run<'_>>> {
         match &self.changes {
             Changes::None => Some(Vec::new()),
-            Changes::Listed(listed) => Some(vec![listed.run(&self.field)]),
+            Changes::Listed(listed) => Some(vec![listed.run()]),
             Changes::TooMany => None,
         }
     }

@@ -1,6 +1,7 @@
 //! How an update brings the points of a table up to date: those that are where they were keep
 //! their order, and new ones join them in their buckets.
 
+use super::buckets::Buckets;
 use super::changes::Moved;
 use super::table::{Block, Member, Table};
 use super::{MEAN_BLOCK, Points, PointsParams, Reach};
@@ -59,16 +60,17 @@ impl Points {
             return Ok(table);
         }
         let is_first = table.part.count == 0;
-        let mut entering = self.entering(gpu, map, &table)?;
+        let mut entering = self.entering(gpu, map, &table.members)?;
         let mut kept = self.kept(gpu, map, &table)?;
         let lists = entering.iter_mut().map(|of| &mut of.list).chain([&mut kept.list]);
         WorkList::learn(gpu, &mut lists.collect::<Vec<_>>())?;
         let (new, stay) = (count(&entering), kept.list.count);
-        if !is_first && split.anew.unwrap_or(is_anew_cheaper(new, stay)) {
+        let is_anew = split.anew.unwrap_or(is_anew_cheaper(new, stay));
+        if !is_first && (is_anew || !table.buckets.have_room(new)) {
             self.moved.push(Moved::gone(&table.part));
             table = Table { members: table.members, ..self.empty(gpu)? };
             table.members.iter_mut().for_each(|member| member.entered = false);
-            entering = self.entering(gpu, map, &table)?;
+            entering = self.entering(gpu, map, &table.members)?;
             kept = Kept::none(gpu, 0)?;
             let lists = entering.iter_mut().map(|of| &mut of.list);
             WorkList::learn(gpu, &mut lists.collect::<Vec<_>>())?;
@@ -76,8 +78,12 @@ impl Points {
             let moved = self.refresh(cx, map, &table, Some(&kept.list), reach)?;
             self.moved.push(moved);
         }
+        if table.part.count == 0 {
+            table.buckets = self.buckets(gpu, count(&entering))?;
+        }
+        table.buckets.expect(count(&entering));
         self.elsewhere += if is_first { 0 } else { u64::from(new) };
-        let new = self.entered(cx, &entering)?;
+        let new = self.entered(cx, &table.buckets, &entering)?;
         self.moved.push(Moved::came(&new));
         let part = self.merged(gpu, &table, &kept, &new)?;
         self.built += u64::from(new.count) * if self.even { 2 } else { 1 };
@@ -116,9 +122,9 @@ impl Points {
         &self,
         gpu: &Gpu,
         map: &'a PhotonMap,
-        table: &'a Table,
+        members: &'a [Member],
     ) -> Result<Vec<Entering<'a>>> {
-        let present = table.members.iter().filter_map(|m| Some((m, m.batch(map)?)));
+        let present = members.iter().filter_map(|m| Some((m, m.batch(map)?)));
         let some = present.filter(|(member, _)| member.moves(map));
         some.map(|(member, batch)| {
             let slots = member.slots.len() as u32;
@@ -138,7 +144,7 @@ impl Points {
     }
 
     /// The points of the slots that enter, batch by batch.
-    fn entered(&self, cx: Context, entering: &[Entering]) -> Result<Block> {
+    fn entered(&self, cx: Context, buckets: &Buckets, entering: &[Entering]) -> Result<Block> {
         let Context { gpu, scene, counters } = cx;
         let all = count(entering);
         let part = Block::new(gpu, all, self.has_histories())?;
@@ -146,13 +152,15 @@ impl Points {
         let mut bindings = [scene.bindings(), part.bindings()].concat();
         bindings.extend([
             ("kept", (&none.lights).into()),
-            ("changed", (&none.keys).into()),
+            ("changed", (&none.buckets).into()),
+            ("starts", (&buckets.starts).into()),
             ("counters", counters.buffer().into()),
         ]);
         let mut first = 0;
         let mut each = Vec::new();
         for Entering { member, batch, list } in entering {
-            let params = member.within(PointsParams { fresh: 1, first, ..self.params(list.count) });
+            let params =
+                member.within(PointsParams { fresh: 1, first, ..buckets.with(list.count) });
             let own = [
                 ("states", (&batch.states).into()),
                 ("places", (&batch.places).into()),
@@ -193,7 +201,7 @@ impl Points {
         let changed = WorkList::new(gpu, count)?;
         let mut bindings = [scene.bindings(), part.bindings()].concat();
         bindings.extend([
-            ("kept", kept.map_or(&self.none.keys, |kept| &kept.marks).into()),
+            ("kept", kept.map_or(&self.none.buckets, |kept| &kept.marks).into()),
             ("changed", (&changed.marks).into()),
             ("counters", counters.buffer().into()),
         ]);
@@ -227,30 +235,26 @@ impl Points {
 
     /// Points of a table that are kept and new ones; where buckets begin is found anew.
     fn merged(&self, gpu: &Gpu, table: &Table, kept: &Kept, new: &Block) -> Result<Block> {
-        let Table { part: before, starts, .. } = table;
-        let begins = self.params.buckets + 1;
+        let Table { part: before, buckets, .. } = table;
+        let begins = buckets.params.buckets + 1;
         let added = gpu.buffer::<u32>("points added", begins as usize)?;
         let mut stage = gpu.stage("points_merge");
         stage.clear(&added);
-        let bindings = [
-            ("work", (&new.keys).into()),
-            ("keys", (&new.keys).into()),
-            ("starts", (&added).into()),
-        ];
-        let params = PointsParams { all: 1, lights_each: 1, ..self.params(new.count) };
+        let bindings = [("buckets", (&new.buckets).into()), ("starts", (&added).into())];
+        let params = PointsParams { lights_each: 1, ..buckets.with(new.count) };
         stage.dispatch(&self.tally, params.count.into(), &bindings, &params)?;
         Scanner::new(gpu, begins)?.record(&mut stage, &added, begins)?;
         let part = Block::new(gpu, kept.list.count + new.count, self.has_histories())?;
         let kept = [
             ("kept", (&kept.list.marks).into()),
             ("ranks", (&kept.ranks).into()),
-            ("starts", starts.into()),
+            ("starts", (&buckets.starts).into()),
             ("added", (&added).into()),
         ];
         for (from, fresh) in [(before, 0), (new, 1)] {
-            let params = PointsParams { fresh, ..self.params(from.count) };
+            let params = PointsParams { fresh, ..buckets.with(from.count) };
             let order = gpu.buffer::<u32>("points order", from.count as usize)?;
-            let own = [("keys", (&from.keys).into()), ("order", (&order).into())];
+            let own = [("buckets", (&from.buckets).into()), ("order", (&order).into())];
             let bindings = [kept.as_slice(), &own].concat();
             stage.dispatch(&self.merge, params.count.into(), &bindings, &params)?;
             let mut bindings = [from.seen(), part.bindings()].concat();
@@ -261,8 +265,8 @@ impl Points {
                 stage.dispatch(&self.origins, params.count.into(), &bindings, &params)?;
             }
         }
-        stage.dispatch(&self.shift, begins.into(), &kept, &self.params)?;
-        self.tell_rows(&mut stage, starts)?;
+        stage.dispatch(&self.shift, begins.into(), &kept, &buckets.params)?;
+        self.tell_rows(&mut stage, buckets)?;
         stage.finish()?;
         Ok(part)
     }

@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use super::buckets::Buckets;
 use super::{Origin, PointsParams};
 use crate::error::Result;
 use crate::field::Run;
@@ -12,8 +13,8 @@ use crate::photon::{Batch, PhotonMap};
 /// Points, and what updates need to know of them.
 pub(super) struct Block {
     pub count: u32,
-    /// The index of each one's cell.
-    pub keys: wgpu::Buffer,
+    /// The bucket of each.
+    pub buckets: wgpu::Buffer,
     pub places: wgpu::Buffer,
     pub lights: wgpu::Buffer,
     /// The [`Origin`] of each.
@@ -28,7 +29,7 @@ impl Block {
         let room = |is_wanted| if is_wanted { count as usize } else { 0 };
         Ok(Self {
             count,
-            keys: gpu.buffer::<u32>("points keys", room(true))?,
+            buckets: gpu.buffer::<u32>("points buckets", room(true))?,
             places: gpu.buffer::<[u32; 4]>("point places", room(true))?,
             lights: gpu.buffer::<[f32; 4]>("point lights", room(true))?,
             origins: gpu.buffer::<Origin>("point origins", room(true))?,
@@ -38,7 +39,7 @@ impl Block {
 
     pub fn bindings(&self) -> Bindings<'_> {
         vec![
-            ("keys", (&self.keys).into()),
+            ("buckets", (&self.buckets).into()),
             ("point_places", (&self.places).into()),
             ("point_lights", (&self.lights).into()),
             ("origins", (&self.origins).into()),
@@ -49,7 +50,7 @@ impl Block {
     /// As what there was, beside points that are bound by the other names.
     pub fn seen(&self) -> Bindings<'_> {
         vec![
-            ("seen_keys", (&self.keys).into()),
+            ("seen_buckets", (&self.buckets).into()),
             ("seen_places", (&self.places).into()),
             ("seen_lights", (&self.lights).into()),
             ("seen_origins", (&self.origins).into()),
@@ -58,7 +59,7 @@ impl Block {
     }
 
     fn bytes(&self) -> u64 {
-        let places = [&self.keys, &self.places, &self.lights];
+        let places = [&self.buckets, &self.places, &self.lights];
         let origins = [&self.origins, &self.mean_histories];
         places.iter().chain(&origins).map(|buffer| buffer.size()).sum()
     }
@@ -69,18 +70,16 @@ pub(super) struct Bucketed<'a> {
     pub count: u32,
     pub places: &'a wgpu::Buffer,
     pub lights: &'a wgpu::Buffer,
-    /// Where buckets begin.
-    pub starts: &'a wgpu::Buffer,
+    pub buckets: &'a Buckets,
 }
 
 impl<'a> Bucketed<'a> {
-    /// With what gathers are told of the grid.
-    pub fn run(self, field: &'a wgpu::Buffer) -> Run<'a> {
+    pub fn run(self) -> Run<'a> {
         let bindings = vec![
-            ("field", field.into()),
+            ("field", (&self.buckets.field).into()),
             ("point_places", self.places.into()),
             ("point_lights", self.lights.into()),
-            ("starts", self.starts.into()),
+            ("starts", (&self.buckets.starts).into()),
         ];
         Run { bindings, points: self.count }
     }
@@ -142,8 +141,7 @@ pub(super) struct Table {
     /// In the order of their slots.
     pub members: Vec<Member>,
     pub part: Block,
-    /// Where each bucket begins, and the last ends; then which rows around each cell have points.
-    pub starts: wgpu::Buffer,
+    pub buckets: Buckets,
 }
 
 impl Table {
@@ -186,12 +184,12 @@ impl Table {
         self.members.last().map_or(0, |member| member.slots.end)
     }
 
-    pub fn run<'a>(&'a self, field: &'a wgpu::Buffer) -> Run<'a> {
+    pub fn run(&self) -> Run<'_> {
         let Block { count, places, lights, .. } = &self.part;
-        Bucketed { count: *count, places, lights, starts: &self.starts }.run(field)
+        Bucketed { count: *count, places, lights, buckets: &self.buckets }.run()
     }
 
     pub fn bytes(&self) -> u64 {
-        self.part.bytes() + self.starts.size()
+        self.part.bytes() + self.buckets.starts.size()
     }
 }
