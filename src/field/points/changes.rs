@@ -24,7 +24,7 @@ pub(super) enum Changes {
     /// Nothing.
     None,
     /// Points with the light that was seen and the light that they have.
-    Listed(Listed),
+    Listed(Box<Listed>),
     /// So much that all is to be gathered anew.
     TooMany,
 }
@@ -168,7 +168,7 @@ impl Points {
         match lights {
             0 => Ok(Changes::None),
             _ if lights >= self.count() || !fits => Ok(Changes::TooMany),
-            _ => Ok(Changes::Listed(self.taken(gpu, listed, lights as u32)?)),
+            _ => Ok(Changes::Listed(self.taken(gpu, listed, lights as u32)?.into())),
         }
     }
 
