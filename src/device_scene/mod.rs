@@ -602,3 +602,30 @@ fn first_layer(greatest: f32, majorant: f32) -> u32 {
     let holds = |k: &u32| greatest <= majorant * 0.5_f32.powi(*k as i32);
     (1..LAYERS).take_while(holds).last().unwrap_or(0)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Segments rely on no entry below the two that they look at.
+    #[test]
+    fn differences_of_sums_do_not_tell_what_lies_below_both() {
+        let mut thin = Table::build(&[], &Domain::over([0.0, 1.0]), None);
+        thin.extinction[3000..3100].fill(1e-4);
+        let mut dense = thin.clone();
+        dense.extinction[..2000].fill(3.7);
+        let unit = sum_unit(4.0);
+        let params = SceneParams { unit, glow_unit: 1.0, ..Default::default() };
+        let difference = |table: &Table| {
+            let texels = columns_of(table, &params);
+            let sum = |e: usize| {
+                let [low, high] = [1, 2].map(|row| texels[row * TABLE_ENTRIES + e][3]);
+                u64::from(low) | u64::from(high) << 32
+            };
+            sum(3100) - sum(3000)
+        };
+        assert_eq!(difference(&thin), difference(&dense));
+        let depth = difference(&dense) as f64 * f64::from(unit);
+        assert!((depth / (100.0 * f64::from(1e-4_f32)) - 1.0).abs() < 1e-6, "{depth}");
+    }
+}
