@@ -8,7 +8,7 @@ import package::shared::counter::{CHANGED, MOVED, REPOWERED, count};
 import package::shared::item::item_index;
 import package::shared::journal::{journal, state_in_journal};
 @if(!points) import package::shared::marks::mark;
-import package::shared::photon::{PhotonParams, Task, NOTHING, pack_task, unpack_task};
+import package::shared::photon::{PhotonParams, Task, NOTHING, listed_of, pack_task, unpack_task};
 import package::shared::slot::{EMPTY, slot_kind};
 @if(points) import package::shared::slot_marks::{mark_altered, mark_moved};
 
@@ -25,14 +25,15 @@ fn main(
     @builtin(local_invocation_index) local: u32,
 ) {
     let item = item_index(group, groups, local);
-    if item >= params.listed { return; }
-    let photon = work[params.first_listed + item];
+    let listed = listed_of(work[0], params);
+    if item >= listed { return; }
+    let photon = work[1u + params.first_listed + item];
     var first = NOTHING;
     @if(points) var elsewhere = 0u;
     @if(points) var repowered = 0u;
     for (var event = unpack_task(tasks[photon]).touched; event < params.max_events; event++) {
         let live = event * params.photons + photon;
-        let old = event * params.journal_photons + item;
+        let old = event * listed + item;
         let now = states[live];
         let before = journal[state_in_journal(old)];
         // Beyond a photon's end every slot is empty.

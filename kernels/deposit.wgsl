@@ -1,11 +1,11 @@
 // Fluence, the track-length estimator: each flight adds power times length to every
 // cell of the light field that it crosses, as a rounded integer; or takes exactly that out again;
 // or does both at once, where a flight of the journal is flown with another power now. A work item
-// is an event of a photon, of the slots of a batch or of the journal: of all that are listed, or of
-// the chosen ones, counted from the slot on that changed.
+// is an event of a photon, of the slots of a batch or of the journal: of all photons, or of the chosen
+// ones, counted from the slot on that changed.
 
 import package::constants::{GROUP, DEPOSIT_ADD, DEPOSIT_REPLACE};
-import package::shared::counter::{DEPOSITS, CLAMPED, UNFINISHED, count, expect, cut_short};
+import package::shared::counter::{DEPOSITS, CLAMPED, UNFINISHED_LIGHT, count, expect, cut_short};
 import package::shared::item::item_index;
 import package::shared::light::emit;
 import package::shared::photon::identify;
@@ -23,16 +23,16 @@ struct DepositParams {
     mode: u32,          // DEPOSIT_ADD, DEPOSIT_REMOVE or DEPOSIT_REPLACE
     first_item: u32,    // of this dispatch
     items: u32,
-    first_listed: u32,  // of the work list, where it lists all photons of a part
-    listed: u32,        // photons
-    stride: u32,        // slots from one event to the next
+    photons: u32,       // in the batch
+    is_chosen: u32,     // 1: of a part the chosen photons, two words each (see `chosen`), not all
     in_journal: u32,    // 1: a photon's slots are at its place in the part, not in the batch
-    is_chosen: u32,     // 1: of the part only the chosen photons, two words each (see `chosen`)
-    pad: u32,
+    pad0: u32,
+    pad1: u32,
+    pad2: u32,
 }
 
 @group(0) @binding(8) var<uniform> params: DepositParams;
-@group(0) @binding(9) var<storage, read> work: array<u32>;
+@group(0) @binding(9) var<storage, read> chosen: array<u32>;
 @group(0) @binding(11) var<storage, read> places: array<vec4<u32>>;
 @group(0) @binding(12) var<storage, read> states: array<vec4<u32>>;
 @group(0) @binding(13) var<storage, read_write> red: array<atomic<u32>>;
@@ -69,26 +69,28 @@ fn main(
     @builtin(local_invocation_index) local: u32,
 ) {
     let item = item_index(group, groups, local);
-    if item >= params.items { return; }
-    var event = (params.first_item + item) / params.listed;
-    var listed = (params.first_item + item) % params.listed;
     // No branches on what the host tells: where those make a kernel much shorter, Mesa's software
     // adapter compiles it anew for each dispatch.
     let is_chosen = params.is_chosen == 1u;
-    let place = select(params.first_listed + listed, 2u * listed, is_chosen);
-    let photon = work[place];
-    let changed = select(0u, work[place + 1u], is_chosen);
-    listed = select(listed, changed / params.max_events, is_chosen);
-    event += changed % params.max_events;
+    let photons = select(params.photons, chosen[0], is_chosen);
+    let number = params.first_item + item;
+    if item >= params.items || number >= photons * params.max_events { return; }
+    let place = number % photons;
+    let at_chosen = select(0u, 2u + 2u * place, is_chosen);
+    let photon = select(place, chosen[at_chosen], is_chosen);
+    let changed = select(0u, chosen[at_chosen + 1u], is_chosen);
+    let event = number / photons + changed % params.max_events;
     if event >= params.max_events { return; }
-    let at = event * params.stride + select(photon, listed, params.in_journal == 1u);
+    let in_journal = params.in_journal == 1u;
+    let stride = select(params.photons, chosen[1], in_journal);
+    let at = event * stride + select(photon, changed / params.max_events, in_journal);
     let state = states[at];
     if slot_kind(state) == EMPTY { return; }
     let slot = slot_of(places[at], state);
 
     var start: vec3<f32>;
     if event > 0u {
-        start = bitcast<vec3<f32>>(places[at - params.stride].xyz);
+        start = bitcast<vec3<f32>>(places[at - stride].xyz);
     } else {
         let id = identify(params.light, params.first_index + photon);
         start = emit(id.light, id.index).position;
@@ -125,5 +127,5 @@ fn main(
     expect(arrived);
     count(DEPOSITS, deposits);
     count(CLAMPED, clamped);
-    count(UNFINISHED, u32(cut_short));
+    count(UNFINISHED_LIGHT, u32(cut_short));
 }

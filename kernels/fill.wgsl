@@ -1,4 +1,4 @@
-// Words of a repeating pattern, that may rise from one to the next.
+// Words of a repeating pattern, that may rise from one to the next: a list of all then, its length first.
 
 import package::shared::item::item_index;
 import package::constants::GROUP;
@@ -8,7 +8,7 @@ struct FillParams {
     high: vec4<u32>,
     period: u32,   // words of the pattern, at most 8
     count: u32,    // words to fill
-    rise: u32,     // added to a word for each before it
+    rise: u32,     // added to a word for each before it, 0 or 1
     pad: u32,
 }
 
@@ -25,5 +25,5 @@ fn main(
     if word >= params.count { return; }
     let at = word % params.period;
     let pattern = select(params.high[at & 3u], params.low[at & 3u], at < 4u);
-    data[word] = pattern + params.rise * word;
+    data[word] = select(pattern + params.rise * word, params.count - 1u, word == 0u && params.rise == 1u);
 }

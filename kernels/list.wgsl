@@ -1,5 +1,5 @@
-// The marked items side by side. `sums` has how many are before each block of SCAN_BLOCK words
-// of marks.
+// How many items are marked, and then they side by side. `sums` has how many are before each block of
+// SCAN_BLOCK words of marks, and in all.
 
 import package::constants::{GROUP, SCAN_BLOCK};
 import package::shared::item::group_index;
@@ -20,7 +20,8 @@ fn main(
     let begin = block * SCAN_BLOCK + local * EACH;
     var own = 0u;
     for (var i = 0u; i < EACH; i++) { own += countOneBits(marked(begin + i, params.count)); }
-    var at = sums[block] + sum_before(local, own);
+    if block == 0u && local == 0u { work[0] = sums[params.blocks]; }
+    var at = 1u + sums[block] + sum_before(local, own);
     for (var i = 0u; i < EACH; i++) {
         var bits = marked(begin + i, params.count);
         while bits != 0u {

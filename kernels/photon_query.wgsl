@@ -5,8 +5,8 @@
 // turns what follows; another albedo only weighs it anew. Either changes what the interaction
 // gives where it is: for `points` its slot is marked, whatever becomes of the photon.
 
-import package::constants::{CHANGE_PHASE, CHANGE_ALBEDO, GROUP};
-import package::shared::counter::{INVALID, REWEIGHED, count};
+import package::constants::{CHANGE_PHASE, CHANGE_ALBEDO, CHOICE_INVALID, GROUP};
+import package::shared::counter::{INVALID, REWEIGHED, choose, count};
 import package::shared::item::item_index;
 import package::shared::marks::mark;
 import package::shared::photon::{PhotonParams, Task, NOTHING, pack_task, is_invalid};
@@ -65,6 +65,7 @@ fn main(
     let found = find(photon);
     tasks[photon] = pack_task(Task(found.touched, NOTHING));
     if found.touched != NOTHING { mark(photon); }
+    if found.invalid != NOTHING { choose(CHOICE_INVALID); }
     count(INVALID, u32(found.invalid != NOTHING));
     count(REWEIGHED, u32(found.touched < found.invalid));
 }

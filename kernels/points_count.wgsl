@@ -1,6 +1,5 @@
-// How many points each bucket has; or of those listed (`listed`) how many lights, `lights_each`
-// (`points_take`), in buckets of their own. Noted one bucket further: summed up, that is where the bucket begins, and
-// when all have come (`points_take`, `points_merge`), where it ends.
+// How many lights each bucket has of the listed points, `lights_each`. Noted one bucket further: summed
+// up, that is where the bucket begins, and when all have come (`points_take`), where it ends.
 
 import package::constants::GROUP;
 import package::shared::item::item_index;
@@ -8,9 +7,8 @@ import package::shared::buckets::{starts, bucket_for};
 import package::shared::points::{PointsParams, points_cell, points_key};
 
 @group(0) @binding(8) var<uniform> params: PointsParams;
-@if(listed) @group(0) @binding(9) var<storage, read> work: array<u32>;
-@if(listed) @group(0) @binding(10) var<storage, read> from_places: array<vec4<u32>>;
-@if(!listed) @group(0) @binding(11) var<storage, read> buckets: array<u32>;
+@group(0) @binding(9) var<storage, read> work: array<u32>;
+@group(0) @binding(10) var<storage, read> from_places: array<vec4<u32>>;
 
 @compute @workgroup_size(GROUP)
 fn main(
@@ -20,8 +18,7 @@ fn main(
 ) {
     let i = item_index(group, groups, local);
     if i >= params.count { return; }
-    @if(!listed) let bucket = buckets[i];
-    @if(listed) let position = bitcast<vec3<f32>>(from_places[work[i]].xyz);
-    @if(listed) let bucket = bucket_for(points_key(points_cell(position, params), params), params);
+    let position = bitcast<vec3<f32>>(from_places[work[1u + i]].xyz);
+    let bucket = bucket_for(points_key(points_cell(position, params), params), params);
     atomicAdd(&starts[bucket + 1u], params.lights_each);
 }

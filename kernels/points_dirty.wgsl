@@ -1,7 +1,7 @@
 // Marks where light changed: around every listed point.
 
 import package::constants::GROUP;
-import package::shared::counter::{UNFINISHED, count, cut_short};
+import package::shared::counter::{UNFINISHED_LIGHT, count, cut_short};
 import package::shared::dirty::mark_dirty;
 import package::shared::item::item_index;
 import package::shared::points::PointsParams;
@@ -18,7 +18,7 @@ fn main(
 ) {
     let i = params.first + item_index(group, groups, local);
     if i >= params.count { return; }
-    let position = bitcast<vec3<f32>>(point_places[work[i]].xyz);
+    let position = bitcast<vec3<f32>>(point_places[work[1u + i]].xyz);
     mark_dirty(position, position);
-    count(UNFINISHED, u32(cut_short));
+    count(UNFINISHED_LIGHT, u32(cut_short));
 }

@@ -1,5 +1,5 @@
-// Where the listed slots of a batch are, each with its bucket; among all that enter,
-// from `first` on. Slots are told as those of the table.
+// Where the listed slots of a batch are, each with its bucket: of all that enter, told as slots of the
+// table, those that are the batch's.
 
 import package::shared::item::item_index;
 import package::shared::buckets::bucket_for;
@@ -21,11 +21,12 @@ fn main(
 ) {
     let i = item_index(group, groups, local);
     if i >= params.count { return; }
-    let slot = work[i];
-    let place = places[slot];
+    let slot = work[1u + i];
+    // This wraps where they come before.
+    if slot - params.first_slot >= params.slots { return; }
+    let place = places[slot - params.first_slot];
     let position = bitcast<vec3<f32>>(place.xyz);
-    let point = params.first + i;
-    buckets[point] = bucket_for(points_key(points_cell(position, params), params), params);
-    origins[point].slot = params.first_slot + slot;
-    point_places[point] = place;
+    buckets[i] = bucket_for(points_key(points_cell(position, params), params), params);
+    origins[i].slot = slot;
+    point_places[i] = place;
 }

@@ -1,5 +1,5 @@
-// Which slots enter the light field: interactions, and nothing else; of `all` slots, or of
-// those that moved. A thread for each word of marks.
+// Which slots of a batch enter the light field: interactions, and nothing else; of `all` slots, or of
+// those that moved. They are marked as slots of the table. A thread for each word of marks.
 
 import package::shared::item::item_index;
 import package::shared::marks::marks;
@@ -28,5 +28,5 @@ fn main(
         open &= open - 1u;
         bits |= u32(states[first + i].y >> 30u == INTERACTION) << i;
     }
-    atomicStore(&marks[word], bits);
+    atomicStore(&marks[params.first_slot / 32u + word], bits);
 }

@@ -22,7 +22,7 @@ fn main(
 ) {
     let i = item_index(group, groups, local);
     if i >= params.count { return; }
-    let point = work[i];
+    let point = work[1u + i];
     let place = from_places[point];
     let cell = points_cell(bitcast<vec3<f32>>(place.xyz), params);
     let at = atomicAdd(&starts[bucket_for(points_key(cell, params), params) + 1u], 1u);

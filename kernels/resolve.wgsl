@@ -1,7 +1,7 @@
 // The mean fluence of every cell of the light field, from its integer sums; cells that
 // are not what they were are marked.
 
-import package::shared::counter::{UNFINISHED, count, cut_short};
+import package::shared::counter::{UNFINISHED_LIGHT, count, cut_short};
 import package::shared::dirty::mark_dirty;
 import package::shared::item::item_index;
 import package::shared::sum64::sum_to_float;
@@ -39,5 +39,5 @@ fn main(
     if params.marks == 1u && any(now != textureLoad(before, at, 0).rgb) {
         mark_dirty(low, low + 2.0 * params.edge);
     }
-    count(UNFINISHED, u32(cut_short));
+    count(UNFINISHED_LIGHT, u32(cut_short));
 }

@@ -9,7 +9,7 @@
 @if(nearest && skip) import package::constants::CELL_EDGE;
 import package::constants::GROUP;
 import package::shared::counter::{
-    CLAMPED, GATHERED, SAMPLES, UNFINISHED, count, expect, cut_short
+    CLAMPED, GATHERED, SAMPLES, UNFINISHED_SEGMENTS, count, expect, cut_short
 };
 import package::shared::item::item_index;
 import package::shared::scene::{
@@ -293,8 +293,9 @@ fn main(
     @builtin(local_invocation_index) local: u32,
 ) {
     let item = item_index(group, groups, local);
-    if item >= params.items { return; }
-    let task = work[params.first_item + item];
+    let place = params.first_item + item;
+    if item >= params.items || place >= work[0] { return; }
+    let task = work[1u + place];
 
     var march: March;
     march.transmittance = 1.0;
@@ -302,7 +303,7 @@ fn main(
     count(CLAMPED, march.light.clamped);
     count(GATHERED, march.light.tested);
     count(SAMPLES, march.samples);
-    count(UNFINISHED, u32(cut_short));
+    count(UNFINISHED_SEGMENTS, u32(cut_short));
     let passed = bitcast<u32>(march.transmittance);
     @if(fluence) {
         let colour = bitcast<vec3<u32>>(march.light.radiance + march.glow);

@@ -3,7 +3,7 @@
 // a bit each.
 
 import package::constants::{GROUP, SPATIAL_AXES, LIST_READ, LIST_LIT, SEGMENTS_AT_ONCE};
-import package::shared::counter::{CHECKED, UNFINISHED, count, expect, cut_short};
+import package::shared::counter::{CHECKED, UNFINISHED_SEGMENTS, count, expect, cut_short};
 import package::shared::dirty::{dirty_grid, is_dirty, axes_meet};
 import package::shared::item::item_index;
 import package::shared::marks::mark;
@@ -106,5 +106,5 @@ fn main(
         touched &= touched - 1u;
         mark(first + k * params.pixels);
     }
-    count(UNFINISHED, u32(cut_short));
+    count(UNFINISHED_SEGMENTS, u32(cut_short));
 }

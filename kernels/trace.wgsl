@@ -14,7 +14,7 @@ import package::shared::counter::{
 import package::shared::flight::{Known, nothing_known, fly};
 import package::shared::item::item_index;
 import package::shared::photon::{
-    PhotonParams, Task, pack_task, unpack_task, is_invalid, identify, weigh, turn
+    PhotonParams, Task, listed_of, pack_task, unpack_task, is_invalid, identify, weigh, turn
 };
 import package::shared::light::emit;
 import package::shared::random::{draw, FOR_FLIGHT};
@@ -55,8 +55,9 @@ fn main(
     @builtin(local_invocation_index) local: u32,
 ) {
     let item = item_index(group, groups, local);
-    if item >= params.items { return; }
-    let photon = work[params.first_item + item];
+    let place = params.first_item + item;
+    if item >= params.items || place >= params.first_listed + listed_of(work[0], params) { return; }
+    let photon = work[1u + place];
     let task = unpack_task(tasks[photon]);
     var event = task.touched + params.first_event;
     let stop = min(task.touched + params.stop_event, params.max_events);

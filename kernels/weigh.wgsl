@@ -5,12 +5,12 @@
 // A photon that had no power left and now has some goes on where it never flew. That is
 // left to `trace`.
 
-import package::shared::counter::{UNFINISHED, WOKEN, count, expect, cut_short};
+import package::shared::counter::{choose, expect, cut_short};
 import package::shared::item::item_index;
 import package::shared::journal::{journal, state_in_journal};
-import package::shared::photon::{PhotonParams, unpack_task, identify, weigh};
+import package::shared::photon::{PhotonParams, listed_of, unpack_task, identify, weigh};
 import package::shared::slot::{EMPTY, INTERACTION, slot_kind, slot_entry, slot_power};
-import package::constants::GROUP;
+import package::constants::{GROUP, CHOICE_WOKEN};
 
 @group(0) @binding(8) var<uniform> params: PhotonParams;
 @group(0) @binding(9) var<storage, read> work: array<u32>;
@@ -25,9 +25,10 @@ fn main(
     @builtin(local_invocation_index) local: u32,
 ) {
     let item = item_index(group, groups, local);
-    if item >= params.items { return; }
-    let photon = work[params.first_item + item];
+    let all = listed_of(work[0], params);
     let listed = params.first_item + item - params.first_listed;
+    if item >= params.items || listed >= all { return; }
+    let photon = work[1u + params.first_item + item];
     let id = identify(params.light, params.first_index + photon);
     // At least 1, since the light shines as before.
     var event = unpack_task(tasks[photon]).touched;
@@ -35,7 +36,7 @@ fn main(
     var state = states[before];
     var power = slot_power(state);
     // Where the first of its flights begins.
-    journal[(event - 1u) * params.journal_photons + listed] = places[before];
+    journal[(event - 1u) * all + listed] = places[before];
     var over = false;
     var wakes = false;
     for (; !over; event++) {
@@ -51,11 +52,14 @@ fn main(
             wakes = any(power != vec2<u32>(0u));
             break;
         }
-        let old = event * params.journal_photons + listed;
+        let old = event * all + listed;
         journal[old] = places[at];
         journal[state_in_journal(old)] = vec4<u32>(state.xy, power);
     }
     expect(over);
-    count(WOKEN, u32(wakes));
-    count(UNFINISHED, u32(cut_short));
+    // Beyond its end there is nothing.
+    for (; event < params.max_events; event++) {
+        journal[state_in_journal(event * all + listed)] = vec4<u32>(0u);
+    }
+    if wakes || cut_short { choose(CHOICE_WOKEN); }
 }

@@ -7,7 +7,7 @@ import package::shared::counter::{CHANGED, INTERACTIONS, MOVED, REPOWERED, count
 import package::shared::item::item_index;
 import package::shared::journal::{journal, state_in_journal};
 @if(!points) import package::shared::marks::mark;
-import package::shared::photon::{PhotonParams, Task, NOTHING, pack_task, unpack_task};
+import package::shared::photon::{PhotonParams, Task, NOTHING, listed_of, pack_task, unpack_task};
 import package::shared::slot::{EMPTY, INTERACTION, slot_kind, slot_power};
 @if(points) import package::shared::slot_marks::{mark_altered, mark_moved};
 
@@ -24,14 +24,15 @@ fn main(
     @builtin(local_invocation_index) local: u32,
 ) {
     let item = item_index(group, groups, local);
-    if item >= params.listed { return; }
-    let photon = work[params.first_listed + item];
+    let listed = listed_of(work[0], params);
+    if item >= listed { return; }
+    let photon = work[1u + params.first_listed + item];
     var first = NOTHING;
     var interactions = 0u;
     var repowered = 0u;
     var gone = 0u;
     for (var event = unpack_task(tasks[photon]).touched; event < params.max_events; event++) {
-        let old = journal[state_in_journal(event * params.journal_photons + item)];
+        let old = journal[state_in_journal(event * listed + item)];
         if slot_kind(old) == EMPTY { break; }
         let at = event * params.photons + photon;
         if all(old.zw == slot_power(old)) {

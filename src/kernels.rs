@@ -5,6 +5,7 @@ use include_dir::{Dir, include_dir};
 
 use crate::device_scene::lights;
 use crate::error::Result;
+use crate::gpu::counter::Choice;
 use crate::gpu::kernel::Library;
 use crate::gpu::{AdapterChoice, Gpu};
 use crate::{field, gpu, history, scene, segment, transfer, volume};
@@ -24,8 +25,19 @@ pub static LIBRARY: Library = Library::new(&SOURCES, KERNELS, CONSTANTS);
 
 const CONSTANTS: &[(&str, u32)] = &[
     ("GROUP", gpu::GROUP),
+    ("MAX_GROUPS", gpu::turns::MAX_GROUPS),
+    ("ARGUMENTS", gpu::turns::ARGUMENTS),
     ("SCAN_BLOCK", gpu::scan::SCAN_BLOCK),
+    ("SORT_BLOCK", gpu::sort::SORT_BLOCK),
+    ("DIGIT_BITS", gpu::sort::DIGIT_BITS),
     ("COUNTER_STRIPES", gpu::counter::COUNTER_STRIPES),
+    ("COUNTER_WORDS", gpu::counter::COUNTER_WORDS as u32),
+    ("CHOICE_INVALID", Choice::Invalid as u32),
+    ("CHOICE_WOKEN", Choice::Woken as u32),
+    ("CHOICE_ANEW", Choice::Anew as u32),
+    ("CHOICE_LISTED", Choice::Listed as u32),
+    ("CHOICE_SEEN", Choice::Seen as u32),
+    ("CHOICE_MOVED", Choice::Moved as u32),
     ("CELL_EDGE", volume::cells::CELL_EDGE),
     ("TABLE_ENTRIES", transfer::TABLE_ENTRIES as u32),
     ("SPATIAL_AXES", scene::Spatial::Axes as u32),
@@ -50,9 +62,14 @@ const CONSTANTS: &[(&str, u32)] = &[
 const KERNELS: &[(&str, &[&str])] = &[
     ("scan_blocks", &[]),
     ("scan_sums", &[]),
+    ("sort_count", &[]),
+    ("sort_place", &[]),
+    ("sort_digits", &[]),
+    ("sort_scatter", &[]),
     ("trace", &["nearest", "squares", "float_voxels", "anisotropic", "history", "skip"]),
     ("layers", &[]),
     ("photon_query", &["points"]),
+    ("turns", &[]),
     ("list_sums", &[]),
     ("list_rank", &[]),
     ("list", &[]),
@@ -63,6 +80,7 @@ const KERNELS: &[(&str, &[&str])] = &[
     ("compare", &["points"]),
     ("chosen", &[]),
     ("deposit", &[]),
+    ("deposit_choice", &[]),
     ("resolve", &[]),
     ("dirty_vacant", &[]),
     ("points_mark", &[]),
@@ -75,7 +93,7 @@ const KERNELS: &[(&str, &[&str])] = &[
     ("points_query", &[]),
     ("points_record", &["even", "anisotropic"]),
     ("points_dirty", &[]),
-    ("points_count", &["listed", "hashed"]),
+    ("points_count", &["hashed"]),
     ("points_take", &["hashed"]),
     ("points_arrange", &[]),
     ("points_origins", &["even"]),

@@ -1,6 +1,7 @@
 //! The reference: an unbiased path tracer on the device, progressive, with the standard
 //! error of every pixel. Stopped at one event it is Monte-Carlo ray casting (`mcvr`).
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use crate::device_scene::DeviceScene;
@@ -8,10 +9,12 @@ use crate::error::Result;
 use crate::film::Image;
 use crate::gpu::Gpu;
 use crate::gpu::Progress;
-use crate::gpu::counter::CounterBuffer;
+use crate::gpu::counter::{CounterBuffer, Counters};
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
-use crate::gpu::run::Pace;
+use crate::gpu::pace::Pace;
+use crate::gpu::queue::Total;
+use crate::gpu::run::Stage;
 use crate::scene::{Method, Scene};
 use crate::segment::SegmentParams;
 
@@ -86,7 +89,7 @@ impl Reference {
             deviations: gpu.buffer::<[f32; 4]>("reference deviations", pixels)?,
             counters: CounterBuffer::new(gpu)?,
             kernel: gpu.kernel("reference", &device.flags())?,
-            pace: Pace::new(1 << 13),
+            pace: Pace::new(gpu, 1 << 13),
         })
     }
 
@@ -108,15 +111,16 @@ impl Reference {
         for each in [SAMPLES_AT_ONCE, 1] {
             self.path.first_sample = first;
             self.counters.clear(gpu)?;
-            gpu.write::<[f32; 4]>(&self.means, &film.0);
-            gpu.write::<[f32; 4]>(&self.deviations, &film.1);
+            gpu.write::<[f32; 4]>(&self.means, &film.0)?;
+            gpu.write::<[f32; 4]>(&self.deviations, &film.1)?;
             self.add_in_steps(gpu, device, samples, each, progress)?;
             if self.counters.read(gpu)?.unfinished == 0 {
                 return Ok(());
             }
         }
+        let items = self.counters.read(gpu)?.unfinished;
         let remedy = "lower the extinctions, or the volume's resolution";
-        self.counters.read(gpu)?.all_finished("reference", remedy)
+        Err(Counters::unfinished_error(items, "reference", remedy))
     }
 
     fn add_in_steps(
@@ -135,31 +139,20 @@ impl Reference {
             ("deviations", (&self.deviations).into()),
             ("counters", self.counters.buffer().into()),
         ]);
-        for done in (0..samples).step_by(each as usize) {
-            let now = each.min(samples - done);
-            let path = ReferenceParams { samples: now, ..self.path };
-            let path = gpu.upload("path", &[path])?;
+        let steps = samples.div_ceil(each);
+        for step in 0..steps {
+            let now = each.min(samples - step * each);
+            let path = gpu.upload("path", &[ReferenceParams { samples: now, ..self.path }])?;
             let mut bindings = bindings.clone();
             bindings.push(("path", (&path).into()));
-            gpu.sliced(
-                "reference",
-                pixels,
-                &self.pace,
-                |stage, range| {
-                    let params = SegmentParams {
-                        first_item: range.start as u32,
-                        items: (range.end - range.start) as u32,
-                        ..self.params
-                    };
-                    stage.dispatch(&self.kernel, range.end - range.start, &bindings, &params)
-                },
-                &mut |n| {
-                    let all = u64::from(samples) * pixels;
-                    progress.at("reference", u64::from(done) * pixels + n * u64::from(now), all);
-                },
-            )?;
-            // So that `progress` tells what is done, not what is to come.
-            gpu.wait("reference")?;
+            let (kernel, all) = (self.kernel.clone(), self.params);
+            let work = move |stage: &mut Stage, range: Range<u64>| {
+                let (first_item, items) = (range.start as u32, range.end - range.start);
+                let params = SegmentParams { first_item, items: items as u32, ..all };
+                stage.dispatch(&kernel, items, &bindings, &params)
+            };
+            progress.set_part(step.into(), steps.into());
+            gpu.sliced("reference", Total::Known(pixels), &self.pace, work, progress)?;
             self.path.first_sample += now;
         }
         Ok(())

@@ -6,7 +6,7 @@ use crate::device_scene::DeviceScene;
 use crate::error::Result;
 use crate::film::Image;
 use crate::gpu::counter::Counters;
-use crate::gpu::run::{Timing, milliseconds};
+use crate::gpu::clock::{Timing, milliseconds};
 use crate::gpu::{Gpu, Progress};
 use crate::photon::SLOT_BYTES;
 use crate::reference::{Estimate, Reference};

@@ -8,6 +8,7 @@ use common::snapshot::{difference, snapshot};
 use common::world::{frame, update, world};
 use glam::DVec3;
 use photogram::gpu::Progress;
+use photogram::gpu::counter::Choice;
 use photogram::history::Query;
 use photogram::scene::{CameraPlace, Estimator, Filter, Scene, Weighting};
 use photogram::split::Split;
@@ -63,8 +64,9 @@ fn an_abandoned_update_leaves_nothing_behind() {
             assert_eq!(abandon(&mut frame, &first, &split, at), boundaries[..=at]);
             if let Some(fluence) = frame.field.fluence() {
                 let moved = frame.counts(gpu()).expect("reads").deposits > 0;
+                let anew = frame.is_chosen(gpu(), Choice::Anew).expect("reads");
                 half_moved +=
-                    u64::from(moved && fluence.is_current() && boundaries[at] == "photons");
+                    u64::from(moved && fluence.is_current() && !anew && boundaries[at] == "photons");
             }
             let mut second = if stays { first.clone() } else { home.clone() };
             second.materials[2].extinction = 0.7;

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 use photogram::gpu::kernel::parse;
 use photogram::gpu::layout::Layout;
-use photogram::gpu::scan;
+use photogram::gpu::{scan, sort};
 use photogram::kernels::LIBRARY;
 use photogram::segment::composite;
 use photogram::{device_scene, field, photon, reference, segment};
@@ -26,6 +26,7 @@ const LAYOUTS: &[Layout] = &[
     photon::SlotMarks::LAYOUT,
     field::fluence::ResolveParams::LAYOUT,
     field::fluence::DepositParams::LAYOUT,
+    field::fluence::ChoiceParams::LAYOUT,
     field::fluence::FluenceParams::LAYOUT,
     field::points::PointsParams::LAYOUT,
     field::points::Origin::LAYOUT,
@@ -33,9 +34,12 @@ const LAYOUTS: &[Layout] = &[
     composite::CompositeParams::LAYOUT,
     reference::ReferenceParams::LAYOUT,
     photogram::field::dirty::DirtyGrid::LAYOUT,
+    photogram::gpu::turns::TurnParams::LAYOUT,
     photogram::gpu::work::ListParams::LAYOUT,
     photogram::gpu::work::FillParams::LAYOUT,
     scan::ScanParams::LAYOUT,
+    sort::CountParams::LAYOUT,
+    sort::DigitParams::LAYOUT,
     photogram::photon::probe::ProbeParams::LAYOUT,
 ];
 

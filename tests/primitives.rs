@@ -1,4 +1,4 @@
-//! The GPU's prefix sum and work list against plain host code, for many sizes.
+//! The GPU's prefix sum, sorts and work list against plain host code, for many sizes.
 
 mod common;
 
@@ -10,11 +10,12 @@ use photogram::device_scene::{Context, DeviceScene};
 use photogram::field::dirty::Dirty;
 use photogram::gpu::Progress;
 use photogram::gpu::counter::{COUNTER_STRIPES, CounterBuffer, Counters};
-use photogram::gpu::run::Bytes;
+use photogram::gpu::resource::Bytes;
 use photogram::gpu::scan::Scanner;
+use photogram::gpu::sort::{Sort, Sorter};
 use photogram::gpu::work::WorkList;
 use photogram::scene::Spatial;
-use photogram::segment::Sources;
+use photogram::segment::{Request, Sources};
 use photogram::split::Split;
 use photogram::update::PhotonFrame;
 
@@ -89,10 +90,11 @@ fn one_wrong_word_is_seen_in_a_scan() {
 /// What a list of `size` items makes of words of marks.
 fn listed(words: &[u32], size: usize) -> Vec<u32> {
     let mut list = WorkList::new(gpu(), size as u32).expect("it fits");
-    gpu().write(&list.marks, words);
+    gpu().write(&list.marks, words).expect("writes");
     list.record(gpu().stage("list")).expect("it runs");
     WorkList::learn(gpu(), &mut [&mut list]).expect("it reads");
     let mut items: Vec<u32> = gpu().read("words", &list.items).expect("it reads");
+    assert_eq!(items.remove(0), list.count);
     items.truncate(list.count as usize);
     items
 }
@@ -117,7 +119,7 @@ fn a_rank_is_how_many_are_marked_in_the_words_before() {
         let words = random(seed as u64, size.div_ceil(32));
         let list = WorkList::new(gpu(), size as u32).expect("it fits");
         let ranks = list.ranks(gpu()).expect("it fits");
-        gpu().write(&list.marks, &words);
+        gpu().write(&list.marks, &words).expect("writes");
         let mut stage = gpu().stage("ranks");
         list.rank(&mut stage, &ranks).expect("it records");
         stage.finish().expect("it runs");
@@ -156,7 +158,11 @@ fn counts_carry_into_the_upper_words() {
         let from = Sources { field: &**field, dirty: &dirty };
         segments.restart();
         let silent = &mut Progress::silent();
-        segments.update(cx, from, u64::MAX, &Split::default(), silent).expect("computes");
+        let request = Request { from, query: u64::MAX, split: &Split::default() };
+        segments.begin(cx).expect("begins");
+        for at in segments.rays() {
+            segments.compute(cx, at, request, silent).expect("computes");
+        }
         counters.read(gpu()).expect("reads").samples - before
     };
     let counters = CounterBuffer::new(gpu()).expect("fits");
@@ -168,6 +174,52 @@ fn counts_carry_into_the_upper_words() {
     let low = 2 * parts * (offset_of!(Counters, samples) / size_of::<u64>());
     let mut full = vec![0; words];
     full[low..low + parts].fill(u32::MAX);
-    gpu().write(counters.buffer(), &full);
+    gpu().write(counters.buffer(), &full).expect("writes");
     assert_eq!(counted(&counters), samples);
+}
+
+/// Keys and which they were, as the device sorts them.
+fn sorted(keys: &[u32], below: u32, sort: Sort) -> Vec<(u32, u32)> {
+    let sorter = Sorter::new(gpu(), keys.len() as u32, below, sort).expect("it fits");
+    let buffer = uploaded(keys);
+    // Twice: nothing of a sort may be left for the next.
+    for _ in 0..2 {
+        let mut stage = gpu().stage("sort");
+        sorter.record(&mut stage, &buffer, keys.len() as u32).expect("it records");
+        stage.finish().expect("it runs");
+    }
+    assert!(fetched(&buffer) == keys, "keys were written");
+    let pairs = sorter.sorted();
+    let [keys, order] = [&pairs.keys, &pairs.order]
+        .map(|buffer| gpu().read::<u32>("sorted", buffer).expect("it reads"));
+    keys.into_iter().zip(order).take(buffer.size() as usize / 4 - MARGIN).collect()
+}
+
+#[test]
+fn sorts_are_as_radsort_has_them() {
+    let sizes = [0, 1, 2, 255, 256, 257, 65_535, 65_536, 65_537, 1_000_000];
+    for (seed, size) in sizes.into_iter().enumerate() {
+        let all = random(seed as u64, size);
+        let below = 2 * size.max(1) as u32;
+        let few = all.iter().map(|key| key % below).collect::<Vec<_>>();
+        let cases = [
+            (few.clone(), below, Sort::Counting),
+            (few, below, Sort::Radix),
+            (all, u32::MAX, Sort::Radix),
+            (vec![7; size], 8, Sort::Counting),
+            (vec![7; size], 8, Sort::Radix),
+            (vec![0; size], 1, Sort::Radix),
+        ];
+        for (keys, below, sort) in cases {
+            let mut expected: Vec<_> = keys.iter().copied().zip(0..).collect();
+            radsort::sort_by_key(&mut expected, |(key, _)| *key);
+            let mut found = sorted(&keys, below, sort);
+            // Equal keys of a counting sort come in any order.
+            if sort == Sort::Counting {
+                assert!(found.is_sorted_by_key(|(key, _)| *key), "{size} keys below {below}");
+                found.sort_unstable();
+            }
+            assert!(found == expected, "{size} keys below {below}, {sort:?}");
+        }
+    }
 }

@@ -14,8 +14,8 @@ use photogram::field::fluence::Deposit;
 use photogram::gpu::GROUP;
 use photogram::gpu::Progress;
 use photogram::gpu::counter::CounterBuffer;
+use photogram::gpu::queue::Total;
 use photogram::history::{CHANGE_EMISSION, Query};
-use photogram::photon::Flights;
 use photogram::scene::{Estimator, Filter, Scene, Weighting};
 use photogram::split::Split;
 use photogram::transfer::Material;
@@ -260,7 +260,7 @@ fn one_bit_dropped_from_the_histories_turns_it_red() {
         for batch in &frame.map.batches {
             let mut states = gpu().read::<[u32; 4]>("states", &batch.states).expect("reads");
             states.iter_mut().for_each(|s| s[2 + bit / 32] &= !(1 << (bit % 32)));
-            gpu().write(&batch.states, &states);
+            gpu().write(&batch.states, &states).expect("writes");
         }
         update(&mut frame, &edited, &Split::default());
         let wrong = difference(&frame, &edited, &volume);
@@ -301,7 +301,7 @@ fn bits_dropped_from_the_histories_of_segments_turn_it_red() {
                 segment[4] &= !(asked as u32);
                 segment[5] &= !((asked >> 32) as u32);
             }
-            gpu().write(buffer, &words);
+            gpu().write(buffer, &words).expect("writes");
         }
         update(&mut frame, &edited, &Split::default());
         assert_eq!(difference(&frame, &edited, &volume), Some("segments"), "{asked:x}");
@@ -316,11 +316,12 @@ fn deposits_left_behind_turn_it_red() {
         let mut frame = frame(&scene, &volume, &Split::default());
         let fluence = frame.field.fluence().expect("fluence was asked for");
         let batch = &frame.map.batches[0];
-        let flights = Flights { listed: photons, ..frame.map.flights(batch) };
+        let flights = frame.map.flights(batch);
         let counters = CounterBuffer::new(gpu()).expect("fits");
         let silent = &mut Progress::silent();
         let cx = Context { gpu: gpu(), scene: &frame.scene, counters: &counters };
-        fluence.deposit(cx, flights, Deposit::Add, silent).expect("deposits");
+        let total = Total::Known(photons);
+        fluence.deposit(cx, &flights, Deposit::Add, total, silent).expect("deposits");
         scene.materials[1].extinction *= 0.9;
         update(&mut frame, &scene, &Split::default());
         let expected = if photons == 0 { None } else { Some("light field") };

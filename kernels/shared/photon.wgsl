@@ -17,18 +17,24 @@ struct PhotonParams {
     first_item: u32,       // of this dispatch
     items: u32,
     first_listed: u32,     // the part of the work list that is worked on
-    listed: u32,
+    listed: u32,           // photons in it, at most
     roulette_from: u32,    // first event after which the roulette runs
     roulette_survival: f32,
-    journal_photons: u32,  // photons that the journal holds
-    restores: u32,         // 1: what the journal holds goes back to the slots
     risen: vec2<u32>,      // bins where a flight may be stopped that was not
     first_event: u32,      // the window of events that a dispatch traces, from where each photon
     stop_event: u32,       // resumes
     relit: u32,            // 1: the light's power changed
     roulette_gain: u32,    // 1 / roulette_survival: this / 2^18 * 2^doublings
     roulette_doublings: i32,
-    pad: u32,
+    pad0: u32,
+    pad1: u32,
+    pad2: u32,
+}
+
+// How many photons a part of the work list has, which has so many in all. The journal has as many
+// slots from one event to the next.
+fn listed_of(all: u32, params: PhotonParams) -> u32 {
+    return min(all - min(params.first_listed, all), params.listed);
 }
 
 // What is to be done with a photon: from `touched` on its power is found again; from

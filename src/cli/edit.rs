@@ -245,7 +245,7 @@ fn stage_table(m: &Measured) -> Table {
     let mut seen = std::collections::HashSet::new();
     names.retain(|name| seen.insert(*name));
     for name in names {
-        let ms = |stages: &[photogram::gpu::run::Timing]| {
+        let ms = |stages: &[photogram::gpu::clock::Timing]| {
             let row = stages.iter().find(|t| t.stage == name);
             row.map_or(String::new(), |t| format!("{:.1}", t.ms))
         };

@@ -13,7 +13,7 @@ use crate::gpu::Gpu;
 use crate::gpu::counter::CounterBuffer;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
-use crate::gpu::run::Bindings;
+use crate::gpu::resource::Bindings;
 use crate::history::{Bins, LAYERS, MARK_CLASSES, Query};
 use crate::scene::{Filter, Scene, effective_majorant, extinction_limit};
 use crate::transfer::{CellEntries, Domain, TABLE_ENTRIES, Table, spans, sum_unit};
@@ -257,8 +257,8 @@ impl DeviceScene {
             cells: setup.cells,
             grid,
         };
-        device.write_masks(gpu);
-        device.write_columns(gpu, &device.table);
+        device.write_masks(gpu)?;
+        device.write_columns(gpu, &device.table)?;
         device.find_layers(gpu)?;
         gpu.check("scene").map(|()| device)
     }
@@ -280,8 +280,8 @@ impl DeviceScene {
         (self.params, self.domain, self.bins) = (setup.params, setup.domain, setup.bins);
         self.cells = setup.cells;
         (self.skip, self.history) = (scene.settings.skip_empty, scene.settings.history);
-        gpu.write(&self.cell_ranges, &setup.ranges);
-        self.write_masks(gpu);
+        gpu.write(&self.cell_ranges, &setup.ranges)?;
+        self.write_masks(gpu)?;
         // What the layers are of is told anew.
         self.opened.clear();
         self.edit(gpu, table, lights, query)
@@ -297,13 +297,13 @@ impl DeviceScene {
         Ok(majorant as f32 == self.params.majorant && domain == self.domain)
     }
 
-    fn write_masks(&self, gpu: &Gpu) {
+    fn write_masks(&self, gpu: &Gpu) -> Result<()> {
         let masks = self.bins.masks(&self.cells).into_iter().map(words).collect::<Vec<_>>();
-        write_texture(gpu, &self.masks, &masks);
+        gpu.write_texture(&self.masks, &masks)
     }
 
-    fn write_columns(&self, gpu: &Gpu, table: &Table) {
-        write_texture(gpu, &self.columns, &columns_of(table, &self.params));
+    fn write_columns(&self, gpu: &Gpu, table: &Table) -> Result<()> {
+        gpu.write_texture(&self.columns, &columns_of(table, &self.params))
     }
 
     /// Finds the layers of marks in each macro-cell.
@@ -336,15 +336,15 @@ impl DeviceScene {
         self.params.visible_bins = words(self.bins.opaque_mask(&table));
         self.params.glow_unit = sum_unit(table.max_emission());
         if (&table.extinction, &query.opened) != (&self.table.extinction, &self.opened) {
-            gpu.write(&self.spans, &layers_of_spans(&table, query, self.params.majorant));
+            gpu.write(&self.spans, &layers_of_spans(&table, query, self.params.majorant))?;
             self.find_layers(gpu)?;
             self.opened.clone_from(&query.opened);
         }
-        gpu.write(&self.params_buffer, &[self.params]);
-        gpu.write(&self.tracking, &optics_of(&table, query));
-        gpu.write(&self.shading, &shading_of(&table));
-        self.write_columns(gpu, &table);
-        gpu.write(&self.lights_buffer, &[lights]);
+        gpu.write(&self.params_buffer, &[self.params])?;
+        gpu.write(&self.tracking, &optics_of(&table, query))?;
+        gpu.write(&self.shading, &shading_of(&table))?;
+        self.write_columns(gpu, &table)?;
+        gpu.write(&self.lights_buffer, &[lights])?;
         (self.table, self.lights) = (table, lights);
         Ok(())
     }
@@ -355,7 +355,7 @@ impl DeviceScene {
     }
 
     /// The scene's resources, by the names that the kernels give them.
-    pub fn bindings(&self) -> Bindings<'_> {
+    pub fn bindings(&self) -> Bindings {
         vec![
             ("scene", (&self.params_buffer).into()),
             ("volume", (&self.volume).into()),
@@ -468,16 +468,6 @@ fn column_texture(gpu: &Gpu) -> Result<wgpu::Texture> {
 }
 
 /// Writes all texels of a texture.
-fn write_texture<T: bytemuck::Pod>(gpu: &Gpu, texture: &wgpu::Texture, texels: &[T]) {
-    let size = texture.size();
-    let layout = wgpu::TexelCopyBufferLayout {
-        offset: 0,
-        bytes_per_row: Some(size.width * size_of::<T>() as u32),
-        rows_per_image: Some(size.height),
-    };
-    gpu.queue().write_texture(texture.as_image_copy(), bytemuck::cast_slice(texels), layout, size);
-}
-
 /// Room for the bins of each macro-cell: a texture takes none of the few storage buffers of a kernel.
 fn mask_texture(gpu: &Gpu, cells: [u32; 3]) -> Result<wgpu::Texture> {
     let [width, height, depth_or_array_layers] = cells;

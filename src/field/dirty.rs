@@ -13,7 +13,7 @@ use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
-use crate::gpu::run::Bindings;
+use crate::gpu::resource::Bindings;
 use crate::gpu::work::fill;
 use crate::scene::Spatial;
 
@@ -83,7 +83,7 @@ impl Dirty {
     }
 
     /// By the names that the kernels give them.
-    pub fn bindings(&self) -> Bindings<'_> {
+    pub fn bindings(&self) -> Bindings {
         vec![("dirty_grid", (&self.grid_buffer).into()), ("dirty", (&self.bits).into())]
     }
 
@@ -143,7 +143,7 @@ impl Dirty {
             }
         }
         [self.grid.along_x, self.grid.along_y, self.grid.along_z] = along.map(words);
-        gpu.write(&self.grid_buffer, &[self.grid]);
+        gpu.write(&self.grid_buffer, &[self.grid])?;
         Ok(())
     }
 

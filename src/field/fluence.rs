@@ -9,15 +9,21 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use super::dirty::Dirty;
-use super::{Change, LightField, Request, Run, SegmentLight};
+use super::{LightField, Request, Run, SegmentLight};
 use crate::bits::CONTRIBUTION;
 use crate::device_scene::{Context, DeviceScene};
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::gpu::Progress;
 use crate::gpu::kernel::Kernel;
+use crate::gpu::counter::Choice;
 use crate::gpu::layout::shared_struct;
-use crate::gpu::run::{Bindings, Pace, Stage};
+use crate::gpu::pace::Pace;
+use crate::gpu::queue::Total;
+use crate::gpu::resource::Bindings;
+use crate::gpu::run::Stage;
+use crate::gpu::turns::{Told, When};
+use crate::gpu::work::clear_when;
 use crate::photon::{Flights, Follows, Part, PhotonMap};
 use crate::scene::{Estimator, Settings};
 
@@ -66,16 +72,30 @@ shared_struct! {
         pub first_item: u32,
         /// Items of this dispatch.
         pub items: u32,
-        /// First of the work list.
-        pub first_listed: u32,
-        /// Photons.
-        pub listed: u32,
-        /// Slots from one event to the next.
-        pub stride: u32,
+        /// Photons in the batch.
+        pub photons: u32,
+        /// 1 where the photons are those chosen of a part, not all.
+        pub is_chosen: u32,
         /// 1 where the slots are those of the journal.
         pub in_journal: u32,
-        /// 1 where the work list is of chosen photons.
-        pub is_chosen: u32,
+        /// Keeps the size a multiple of 16.
+        pub pad0: u32,
+        /// The same.
+        pub pad1: u32,
+        /// The same.
+        pub pad2: u32,
+    }
+}
+
+shared_struct! {
+    /// What is told of how many photons change.
+    pub struct ChoiceParams {
+        /// Photons in all.
+        pub photons: u32,
+        /// 1 where a batch has listed its photons, 0 where a part of them was worked on.
+        pub lists: u32,
+        /// 1 where those were traced, whatever is chosen.
+        pub is_traced: u32,
         /// Keeps the size a multiple of 16.
         pub pad: u32,
     }
@@ -99,19 +119,15 @@ pub struct Fluence {
     per_sum: f32,
     edge: [f32; 3],
     /// Whether the sums are those of the slots; else all is summed again.
+    /// The device may have chosen since to sum all anew.
     current: bool,
-    /// Photons in all, and of those that are worked on how many there are, how many were seen, and
-    /// how many of those changed.
-    photons: u64,
-    listed: u64,
-    seen: u64,
-    changed: u64,
     /// The sums: red, green, blue. Side by side in one buffer they were no faster.
     pub sums: [wgpu::Buffer; 3],
     field: wgpu::Buffer,
     before: wgpu::TextureView,
     view: wgpu::TextureView,
     deposit: Arc<Kernel>,
+    choice: Arc<Kernel>,
     resolve: Arc<Kernel>,
     pace: Pace,
     chosen_pace: Pace,
@@ -174,50 +190,62 @@ impl Fluence {
             per_sum: (1.0 / (scale * edge.iter().product::<f64>())) as f32,
             edge: edge.map(|e| e as f32),
             current: false,
-            photons: 0,
-            listed: 0,
-            seen: 0,
-            changed: 0,
             sums: [sum()?, sum()?, sum()?],
             field: gpu.upload("fluence field", &[FluenceParams { grid, pad: 0 }])?,
             before,
             view,
             deposit: gpu.kernel("deposit", &[])?,
+            choice: gpu.kernel("deposit_choice", &[])?,
             resolve: gpu.kernel("resolve", &[])?,
-            pace: Pace::new(1 << 14),
-            chosen_pace: Pace::new(1 << 14),
+            pace: Pace::new(gpu, 1 << 17),
+            chosen_pace: Pace::new(gpu, 1 << 18),
         })
     }
 
-    /// Sums the flights of all photons, from nothing.
-    fn sum_all(&mut self, cx: Context, map: &mut PhotonMap, progress: &mut Progress) -> Result<()> {
+    /// Sums the flights of all photons, from nothing; or only where that was chosen.
+    fn sum_all(
+        &self,
+        cx: Context,
+        map: &PhotonMap,
+        when: Option<&When>,
+        progress: &mut Progress,
+    ) -> Result<()> {
         let mut stage = cx.gpu.stage("deposit");
-        self.sums.iter().for_each(|sum| stage.clear(sum));
+        for sum in &self.sums {
+            match when {
+                Some(when) => clear_when(&mut stage, sum, when)?,
+                None => stage.clear(sum),
+            }
+        }
         stage.finish()?;
-        for batch in &mut map.batches {
-            batch.list_all(cx.gpu, None)?;
-        }
         for batch in &map.batches {
-            self.deposit(cx, map.flights(batch), Deposit::Add, progress)?;
+            let slots = batch.photons * map.max_events;
+            let total = match when {
+                Some(when) => Total::Told(Told::known(slots, when.clone())),
+                None => Total::Known(slots.into()),
+            };
+            self.deposit(cx, &map.flights(batch), Deposit::Add, total, progress)?;
         }
-        self.current = true;
-        Ok(())
+        let mut stage = cx.gpu.stage("deposit");
+        cx.counters.unchoose(&mut stage, &[Choice::Anew]);
+        stage.finish()
     }
 
-    /// Adds flights to the sums, or takes them out.
+    /// Adds so many flights to the sums, or takes them out.
     ///
     /// # Errors
     /// The device failed.
     pub fn deposit(
         &self,
         cx: Context,
-        flights: Flights,
+        flights: &Flights,
         mode: Deposit,
+        total: Total,
         progress: &mut Progress,
     ) -> Result<()> {
-        let mut bindings = [cx.scene.bindings(), flights.bindings, self.sum_bindings()].concat();
+        let own = flights.bindings.clone();
+        let mut bindings = [cx.scene.bindings(), own, self.sum_bindings()].concat();
         bindings.push(("counters", cx.counters.buffer().into()));
-        let total = u64::from(flights.listed) * u64::from(flights.max_events);
         let all = DepositParams {
             grid: self.grid,
             scale: self.scale,
@@ -225,23 +253,30 @@ impl Fluence {
             first_index: flights.first_index,
             max_events: flights.max_events,
             mode: mode as u32,
-            first_listed: flights.first_listed,
-            listed: flights.listed,
-            stride: flights.stride,
+            photons: flights.photons,
             in_journal: flights.in_journal.into(),
-            is_chosen: flights.is_chosen.into(),
+            is_chosen: flights.chosen.is_some().into(),
             ..Default::default()
         };
-        let work = |stage: &mut Stage, range: Range<u64>| {
+        let kernel = self.deposit.clone();
+        let work = move |stage: &mut Stage, range: Range<u64>| {
             let items = range.end - range.start;
             let params =
                 DepositParams { first_item: range.start as u32, items: items as u32, ..all };
-            stage.dispatch(&self.deposit, items, &bindings, &params)
+            stage.dispatch(&kernel, items, &bindings, &params)
         };
-        let progress = &mut |n| progress.at("deposit", n, total);
         // Fewer of the chosen photons' slots are empty.
-        let pace = if flights.is_chosen { &self.chosen_pace } else { &self.pace };
+        let pace = if flights.chosen.is_some() { &self.chosen_pace } else { &self.pace };
         cx.gpu.sliced("deposit", total, pace, work, progress)
+    }
+
+    /// Tells the device's choice of a list that there is, or of a part that was worked on.
+    fn tell_choice(&self, cx: Context, lengths: &wgpu::Buffer, params: ChoiceParams) -> Result<()> {
+        let photons = cx.scene.lights.photons;
+        let bindings = [("lengths", lengths.into()), ("counters", cx.counters.buffer().into())];
+        let mut stage = cx.gpu.stage("deposit_choice");
+        stage.dispatch(&self.choice, 1, &bindings, &ChoiceParams { photons, ..params })?;
+        stage.finish()
     }
 
     /// Turns sums into fluence, and marks the cells that differ from before, if anybody `asks`.
@@ -259,11 +294,11 @@ impl Fluence {
         bindings.push(("counters", cx.counters.buffer().into()));
         let params = ResolveParams { grid, per_sum, edge, marks: (asks && !is_far).into() };
         stage.dispatch(&self.resolve, cells, &bindings, &params)?;
-        stage.finish()?;
-        cx.counters.read(cx.gpu)?.all_finished("fluence", "change `grid`")
+        stage.finish()
     }
 
-    /// Whether the sums are those of the slots; else all is to be summed again.
+    /// Whether the sums are those of the slots, unless the device chose otherwise ([`Choice::Anew`]);
+    /// else all is to be summed again.
     pub fn is_current(&self) -> bool {
         self.current
     }
@@ -278,7 +313,7 @@ impl Fluence {
         Ok([read(r)?, read(g)?, read(b)?])
     }
 
-    fn sum_bindings(&self) -> Bindings<'_> {
+    fn sum_bindings(&self) -> Bindings {
         let [r, g, b] = &self.sums;
         vec![("red", r.into()), ("green", g.into()), ("blue", b.into())]
     }
@@ -302,13 +337,25 @@ impl LightField for Fluence {
         if !self.current {
             return Ok(());
         }
-        let flights = map.flights(&map.batches[batch]);
-        self.deposit(cx, flights, Deposit::Remove, &mut Progress::silent())
+        let batch = &map.batches[batch];
+        let total = Total::Known(u64::from(batch.photons) * u64::from(map.max_events));
+        let progress = &mut Progress::silent();
+        self.deposit(cx, &map.flights(batch), Deposit::Remove, total, progress)
     }
 
-    fn begin(&mut self, request: &Request, listed: u64) {
+    fn begin(&mut self, cx: Context, map: &PhotonMap, request: &Request) -> Result<()> {
         self.current &= !request.is_rebuild;
-        (self.listed, self.seen, self.changed) = (listed, 0, 0);
+        if !self.current {
+            return Ok(());
+        }
+        let mut stage = cx.gpu.stage("deposit_choice");
+        cx.counters.unchoose(&mut stage, &[Choice::Listed, Choice::Seen, Choice::Moved]);
+        stage.finish()?;
+        for batch in map.batches.iter().filter(|batch| batch.is_listed) {
+            let told = ChoiceParams { lists: 1, ..Default::default() };
+            self.tell_choice(cx, &batch.list.items, told)?;
+        }
+        Ok(())
     }
 
     /// Old flights leave the sums, new ones come to them; or, where they are many, all is summed anew
@@ -316,30 +363,31 @@ impl LightField for Fluence {
     fn take(
         &mut self,
         cx: Context,
-        map: &mut PhotonMap,
+        map: &PhotonMap,
         part: &Part,
-        change: Change,
         progress: &mut Progress,
     ) -> Result<()> {
         if !self.current {
             return Ok(());
         }
-        let chosen = map.choose(cx.gpu, part)?;
-        self.photons = cx.scene.lights.photons.into();
-        self.seen += part.listed.len() as u64;
-        self.changed += u64::from(chosen);
-        // As many of the others will change as of those that were seen.
-        let are_few = 2 * self.changed * self.listed <= self.photons * self.seen;
-        self.current = change == Change::Weighed || are_few;
-        if !self.current {
-            return Ok(());
+        map.choose(cx.gpu, part)?;
+        let (chosen, old) = (map.chosen_flights(part), map.journaled_flights(part));
+        let relit = map.batches[part.batch].relit;
+        let told = ChoiceParams { is_traced: relit.into(), ..Default::default() };
+        self.tell_choice(cx, map.chosen(), told)?;
+        let mut deposit = |flights: Flights, mode, some: &[Choice], none: &[Choice]| {
+            let flights = flights.when(cx.counters.when(some, none));
+            let Some(told) = flights.chosen.clone() else { return Ok(()) };
+            self.deposit(cx, &flights, mode, Total::Told(told), progress)
+        };
+        let lost = [Choice::Invalid, Choice::Woken];
+        if !relit {
+            let none = [Choice::Invalid, Choice::Woken, Choice::Anew];
+            deposit(old.clone(), Deposit::Replace, &[], &none)?;
         }
-        if change == Change::Weighed {
-            let flights = map.journaled_flights(part);
-            return self.deposit(cx, flights, Deposit::Replace, progress);
-        }
-        self.deposit(cx, map.journaled_flights(part), Deposit::Remove, progress)?;
-        self.deposit(cx, map.chosen_flights(part), Deposit::Add, progress)
+        let some = if relit { &[][..] } else { &lost };
+        deposit(old, Deposit::Remove, some, &[Choice::Anew])?;
+        deposit(chosen, Deposit::Add, some, &[Choice::Anew])
     }
 
     fn build(
@@ -348,14 +396,19 @@ impl LightField for Fluence {
         map: &mut PhotonMap,
         request: &Request,
         dirty: &Dirty,
+        _learned: &[u32],
         progress: &mut Progress,
     ) -> Result<u64> {
-        if !self.current {
-            self.sum_all(cx, map, progress)?;
-        }
+        let when = cx.counters.when(&[Choice::Anew], &[]);
+        self.sum_all(cx, map, Some(&when).filter(|_| self.current), progress)?;
+        self.current = true;
         // All segments of a rebuild are computed, whatever is marked.
         self.resolve(cx, dirty, !request.is_rebuild)?;
         Ok(0)
+    }
+
+    fn remedy(&self) -> &'static str {
+        "change `grid`"
     }
 
     fn columns_read(&self) -> u32 {
@@ -371,7 +424,7 @@ impl LightField for Fluence {
     }
 
     /// The resolved field, by the names that the segment kernel gives it.
-    fn runs(&self) -> Vec<Run<'_>> {
+    fn runs(&self) -> Vec<Run> {
         let bindings = vec![("field", (&self.field).into()), ("fluence", (&self.view).into())];
         vec![Run { bindings, points: 0 }]
     }

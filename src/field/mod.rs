@@ -13,7 +13,8 @@ use self::points::Points;
 use crate::device_scene::{Context, DeviceScene};
 use crate::error::Result;
 use crate::gpu::counter::Counters;
-use crate::gpu::run::Bindings;
+use crate::gpu::read::Words;
+use crate::gpu::resource::Bindings;
 use crate::gpu::{Gpu, Progress};
 use crate::history::Query;
 use crate::photon::{Follows, Part, PhotonMap};
@@ -22,9 +23,9 @@ use crate::split::Split;
 use crate::transfer::Table;
 
 /// Points that are gathered together.
-pub struct Run<'a> {
+pub struct Run {
     /// By the names that the segment kernel gives them.
-    pub bindings: Bindings<'a>,
+    pub bindings: Bindings,
     /// How many points.
     pub points: u32,
 }
@@ -39,15 +40,6 @@ pub struct Request<'a> {
     pub asks_for_light: bool,
     /// How the work is cut.
     pub split: &'a Split,
-}
-
-/// How a photon that was worked on again may have changed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Change {
-    /// In everything: it was traced.
-    Traced,
-    /// In its power alone: it was weighed.
-    Weighed,
 }
 
 /// How a segment keeps its light.
@@ -97,8 +89,11 @@ pub trait LightField {
         Ok(())
     }
 
-    /// `listed` photons are about to be worked on, of all that there are.
-    fn begin(&mut self, request: &Request, listed: u64);
+    /// Photons that are listed are about to be worked on.
+    ///
+    /// # Errors
+    /// The device failed.
+    fn begin(&mut self, cx: Context, map: &PhotonMap, request: &Request) -> Result<()>;
 
     /// A part of the photons was worked on; the journal has what they were.
     ///
@@ -106,26 +101,39 @@ pub trait LightField {
     /// The device failed.
     fn take(
         &mut self,
-        cx: Context,
-        map: &mut PhotonMap,
-        part: &Part,
-        change: Change,
-        progress: &mut Progress,
-    ) -> Result<()>;
+        _cx: Context,
+        _map: &PhotonMap,
+        _part: &Part,
+        _progress: &mut Progress,
+    ) -> Result<()> {
+        Ok(())
+    }
 
-    /// Brings the light up to date with all photons, and marks where it changed. Returns how many
-    /// points changed, if there are any.
+    /// Finds out what it needs to know before the light is brought up to date: words to be read.
     ///
     /// # Errors
-    /// The device failed, or ended the loops of a kernel.
+    /// The device failed.
+    fn survey(&mut self, _cx: Context, _map: &PhotonMap, _request: &Request) -> Result<Vec<Words>> {
+        Ok(Vec::new())
+    }
+
+    /// Brings the light up to date with all photons, and marks where it changed. `learned` is what was
+    /// asked for. Returns how many points changed, if there are any.
+    ///
+    /// # Errors
+    /// The device failed.
     fn build(
         &mut self,
         cx: Context,
         map: &mut PhotonMap,
         request: &Request,
         dirty: &Dirty,
+        learned: &[u32],
         progress: &mut Progress,
     ) -> Result<u64>;
+
+    /// What to do where the driver ended the loops of its kernels.
+    fn remedy(&self) -> &'static str;
 
     /// All segments are computed from the light as it is.
     fn all_seen(&mut self) {}
@@ -140,11 +148,11 @@ pub trait LightField {
     fn segment_flags(&self) -> Vec<&'static str>;
 
     /// All light, in runs.
-    fn runs(&self) -> Vec<Run<'_>>;
+    fn runs(&self) -> Vec<Run>;
 
     /// The light that changed since all segments were computed; `None` where all is to be
     /// gathered anew.
-    fn changes(&self) -> Option<Vec<Run<'_>>> {
+    fn changes(&self) -> Option<Vec<Run>> {
         None
     }
 

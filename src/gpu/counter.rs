@@ -1,15 +1,18 @@
-//! What kernels count: the work that they did, and what went wrong.
+//! What kernels count: the work that they did, and what went wrong; and what they choose, for those
+//! that come after them.
 
 use crate::error::{Error, Result};
-use crate::gpu::run::Bytes;
-use crate::gpu::work::WorkList;
-use crate::gpu::{Gpu, Words};
+use crate::gpu::Gpu;
+use crate::gpu::read::Words;
+use crate::gpu::resource::Bytes;
+use crate::gpu::run::Stage;
+use crate::gpu::turns::When;
 
 /// Parts in which each counter is summed on the device.
 pub const COUNTER_STRIPES: u32 = 256;
 
-/// Words of all counters there.
-const WORDS: usize = size_of::<Counters>() / 4 * COUNTER_STRIPES as usize;
+/// Words of all counters there; what is chosen comes after them.
+pub const COUNTER_WORDS: usize = size_of::<Counters>() / 4 * COUNTER_STRIPES as usize;
 
 /// Counts of one pass, read back from the device: 64-bit, so that none wraps unseen.
 #[derive(
@@ -37,7 +40,7 @@ pub struct Counters {
     pub reweighed: u64,
     /// Photons that tracing or weighing again has changed.
     pub changed: u64,
-    /// Items whose loops the driver ended; nothing is returned unless it is 0.
+    /// Photons whose loops the driver ended; nothing is returned unless it is 0.
     #[serde(skip)]
     pub unfinished: u64,
     /// Segments whose sums of light did not fit; nothing is returned unless it is 0.
@@ -51,9 +54,12 @@ pub struct Counters {
     pub repowered: u64,
     /// Means and lights that an update found again for points that its table had.
     pub refreshed: u64,
-    /// Photons that had ended and would go on.
+    /// The same of flights, cells and points of the light field.
     #[serde(skip)]
-    pub woken: u64,
+    pub unfinished_light: u64,
+    /// The same of segments.
+    #[serde(skip)]
+    pub unfinished_segments: u64,
 }
 
 impl Counters {
@@ -78,22 +84,44 @@ impl Counters {
         }
     }
 
-    /// Fails where the driver ended a loop before its time.
-    ///
-    /// # Errors
-    /// It did, in `stage`.
-    pub fn all_finished(&self, stage: &str, remedy: &str) -> Result<()> {
-        if self.unfinished == 0 {
-            return Ok(());
-        }
-        Err(Error::capacity(
+    /// The error where the driver ended loops of so many items of `stage` before their time.
+    pub fn unfinished_error(items: u64, stage: &str, remedy: &str) -> Error {
+        Error::capacity(
             stage,
             format!(
-                "the driver ended the loops of {} items before they were done (Mesa's software \
-                 adapter allows 65535 iterations); {remedy}, or use another adapter",
-                self.unfinished
+                "the driver ended the loops of {items} items before they were done (Mesa's software \
+                 adapter allows 65535 iterations); {remedy}, or use another adapter"
             ),
-        ))
+        )
+    }
+}
+
+/// What the device chooses on its way: a word each, 0 until it is chosen. The first are bits of
+/// [`When`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Choice {
+    /// A photon may take another path.
+    Invalid,
+    /// A photon that had ended would go on, or was not weighed to its end.
+    Woken,
+    /// All flights are summed anew.
+    Anew,
+    /// No choice, but a sum that one depends on: photons that are listed.
+    Listed,
+    /// Those of them that were worked on.
+    Seen,
+    /// Those of them that changed.
+    Moved,
+}
+
+/// Words of choices.
+const CHOICES: usize = 8;
+
+impl Choice {
+    /// Its bit.
+    pub const fn bit(self) -> u32 {
+        1 << self as u32
     }
 }
 
@@ -109,7 +137,7 @@ impl CounterBuffer {
     /// # Errors
     /// The device refuses.
     pub fn new(gpu: &Gpu) -> Result<Self> {
-        let counters = || gpu.buffer::<u32>("counters", WORDS);
+        let counters = || gpu.buffer::<u32>("counters", COUNTER_WORDS + CHOICES);
         Ok(Self { counters: counters()?, saved: counters()? })
     }
 
@@ -118,14 +146,43 @@ impl CounterBuffer {
         &self.counters
     }
 
-    /// Sets them to zero.
+    fn counted(buffer: &wgpu::Buffer) -> Bytes {
+        Bytes { size: 4 * COUNTER_WORDS as u64, ..Bytes::all(buffer) }
+    }
+
+    /// Sets them to zero; what is chosen stays.
     ///
     /// # Errors
     /// The device failed.
     pub fn clear(&self, gpu: &Gpu) -> Result<()> {
         let mut stage = gpu.stage("counters");
-        stage.clear(&self.counters);
+        stage.clear_bytes(Self::counted(&self.counters));
         stage.finish()
+    }
+
+    /// Takes choices back.
+    pub fn unchoose(&self, stage: &mut Stage, choices: &[Choice]) {
+        for choice in choices {
+            let offset = 4 * (COUNTER_WORDS as u64 + *choice as u64);
+            stage.clear_bytes(Bytes { buffer: self.counters.clone(), offset, size: 4 });
+        }
+    }
+
+    /// That of some choices one was made (if any are told), and of others none.
+    pub fn when(&self, some: &[Choice], none: &[Choice]) -> When {
+        let bits = |choices: &[Choice]| choices.iter().fold(0, |bits, choice| bits | choice.bit());
+        let choices = self.counters.clone();
+        When { choices, at: COUNTER_WORDS as u32, some: bits(some), none: bits(none) }
+    }
+
+    /// Whether a choice was made.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn is_chosen(&self, gpu: &Gpu, choice: Choice) -> Result<bool> {
+        let at = COUNTER_WORDS as u64 + choice as u64;
+        let word = Words { buffer: self.counters.clone(), range: at..at + 1 };
+        Ok(gpu.read_words("choices", &[word])? != [0])
     }
 
     /// Notes what they are, before work that may have to be done again.
@@ -134,7 +191,7 @@ impl CounterBuffer {
     /// The device failed.
     pub fn save(&self, gpu: &Gpu) -> Result<()> {
         let mut stage = gpu.stage("counters");
-        stage.copy(Bytes::all(&self.counters), &self.saved, 0);
+        stage.copy(Self::counted(&self.counters), &self.saved, 0);
         stage.finish()
     }
 
@@ -144,7 +201,7 @@ impl CounterBuffer {
     /// The device failed.
     pub fn restore(&self, gpu: &Gpu) -> Result<()> {
         let mut stage = gpu.stage("counters");
-        stage.copy(Bytes::all(&self.saved), &self.counters, 0);
+        stage.copy(Self::counted(&self.saved), &self.counters, 0);
         stage.finish()
     }
 
@@ -153,27 +210,26 @@ impl CounterBuffer {
     /// # Errors
     /// The device failed.
     pub fn read(&self, gpu: &Gpu) -> Result<Counters> {
-        self.read_with(gpu, &mut [])
+        Ok(Counters::of(&gpu.read_words("counters", &[self.words()])?))
     }
 
-    /// Reads them, and how many items lists have that were recorded.
-    ///
-    /// # Errors
-    /// The device failed.
-    pub fn read_with(&self, gpu: &Gpu, lists: &mut [&mut WorkList]) -> Result<Counters> {
-        let mut parts = vec![Words { buffer: &self.counters, range: 0..WORDS as u64 }];
-        parts.extend(lists.iter().map(|list| list.length()));
-        let mut words = gpu.read_words("counters", &parts)?;
-        let counts = words.split_off(WORDS);
-        lists.iter_mut().zip(counts).for_each(|(list, count)| list.count = count);
+    /// Where the device has them, for [`Counters::of`].
+    pub fn words(&self) -> Words {
+        Words { buffer: self.counters.clone(), range: 0..COUNTER_WORDS as u64 }
+    }
+}
+
+impl Counters {
+    /// From the words that the device has: [`COUNTER_WORDS`] of them.
+    pub fn of(words: &[u32]) -> Self {
         let sum = |part: &[u32]| part.iter().map(|&word| u64::from(word)).sum::<u64>();
         let sums = words.chunks_exact(2 * COUNTER_STRIPES as usize).map(|counter| {
             let (low, high) = counter.split_at(COUNTER_STRIPES as usize);
             sum(low).wrapping_add(sum(high) << 32)
         });
-        let mut counters = Counters::default();
+        let mut counters = Self::default();
         let all = bytemuck::cast_slice_mut::<_, u64>(std::slice::from_mut(&mut counters));
         all.iter_mut().zip(sums).for_each(|(counter, sum)| *counter = sum);
-        Ok(counters)
+        counters
     }
 }

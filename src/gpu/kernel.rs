@@ -6,15 +6,15 @@
 //! the generated module `constants`.
 
 use std::collections::BTreeMap;
-use std::num::NonZero;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 
 use include_dir::Dir;
 use wesl::syntax::{ModulePath, PathOrigin};
 use wesl::{CompileOptions, Feature, Features, ManglerKind, VirtualResolver, Wesl};
-use wgpu::naga;
+use wgpu::naga::{self, AddressSpace, ImageClass, ImageDimension, ScalarKind, StorageAccess, StorageFormat, TypeInner};
 
-use super::{Gpu, SOFTWARE, lock};
+use super::{Gpu, lock};
 use crate::error::{Error, Result};
 
 /// All kernels of a program: what a device can be asked to run.
@@ -35,8 +35,12 @@ pub struct Kernel {
     pub name: &'static str,
     pub(super) pipeline: wgpu::ComputePipeline,
     pub(super) layout: wgpu::BindGroupLayout,
-    /// Binding number by variable name.
+    /// Binding number by variable name, of all but `params`.
     pub(super) bindings: BTreeMap<String, u32>,
+    /// That of `params`, if it is told any.
+    pub(super) told: Option<u32>,
+    /// No other has it.
+    pub(super) id: usize,
 }
 
 impl Library {
@@ -107,14 +111,63 @@ pub fn parse(name: &str, source: &str) -> Result<naga::Module> {
         .map_err(|e| Error::device(name, e.emit_to_string_with_path(source, name)))
 }
 
-impl Gpu {
-    /// Parts in which the adapter deals the groups of a dispatch: Mesa's software adapter gives
-    /// each of its threads as many in a row, and those of a picture's empty side soon rest.
-    fn parts(&self) -> u32 {
-        let cores = || std::thread::available_parallelism().map_or(1, NonZero::get) as u32;
-        if self.report().kind == SOFTWARE { cores() } else { 1 }
-    }
+/// What a variable of a kernel can be given.
+fn entry(
+    name: &str,
+    module: &naga::Module,
+    variable: &naga::GlobalVariable,
+) -> Result<wgpu::BindGroupLayoutEntry> {
+    let buffer = |ty| wgpu::BindingType::Buffer {
+        ty,
+        // Where its `params` begin is told beside the group.
+        has_dynamic_offset: name == "params",
+        min_binding_size: None,
+    };
+    let ty = match (variable.space, &module.types[variable.ty].inner) {
+        (AddressSpace::Uniform, _) => buffer(wgpu::BufferBindingType::Uniform),
+        (AddressSpace::Storage { access }, _) => {
+            let read_only = !access.contains(StorageAccess::STORE);
+            buffer(wgpu::BufferBindingType::Storage { read_only })
+        }
+        (AddressSpace::Handle, &TypeInner::Image { dim, arrayed: false, class }) => {
+            let view_dimension = match dim {
+                ImageDimension::D1 => wgpu::TextureViewDimension::D1,
+                ImageDimension::D2 => wgpu::TextureViewDimension::D2,
+                ImageDimension::D3 => wgpu::TextureViewDimension::D3,
+                ImageDimension::Cube => wgpu::TextureViewDimension::Cube,
+            };
+            match class {
+                ImageClass::Sampled { kind, multi } => wgpu::BindingType::Texture {
+                    sample_type: match kind {
+                        ScalarKind::Uint => wgpu::TextureSampleType::Uint,
+                        ScalarKind::Sint => wgpu::TextureSampleType::Sint,
+                        _ => wgpu::TextureSampleType::Float { filterable: false },
+                    },
+                    view_dimension,
+                    multisampled: multi,
+                },
+                ImageClass::Storage { format: StorageFormat::Rgba32Float, .. } => {
+                    wgpu::BindingType::StorageTexture {
+                        access: wgpu::StorageTextureAccess::WriteOnly,
+                        format: wgpu::TextureFormat::Rgba32Float,
+                        view_dimension,
+                    }
+                }
+                _ => return Err(Error::device(name, "no kernel is given such a texture")),
+            }
+        }
+        _ => return Err(Error::device(name, "no kernel is given such a variable")),
+    };
+    let binding = variable.binding.map_or(0, |at| at.binding);
+    Ok(wgpu::BindGroupLayoutEntry {
+        binding,
+        visibility: wgpu::ShaderStages::COMPUTE,
+        ty,
+        count: None,
+    })
+}
 
+impl Gpu {
     /// The kernel with those of the flags set that it declares, compiled at the first call.
     ///
     /// # Errors
@@ -131,22 +184,35 @@ impl Gpu {
         }
         let source = self.library.compose(name, &key.1)?;
         let module = parse(name, &source)?;
-        let bindings = module
-            .global_variables
-            .iter()
-            .filter_map(|(_, v)| Some((v.name.clone()?, v.binding?.binding)))
-            .collect();
+        let mut bindings = BTreeMap::new();
+        let mut entries = Vec::new();
+        for (_, variable) in module.global_variables.iter() {
+            if let (Some(name), Some(at)) = (&variable.name, variable.binding) {
+                bindings.insert(name.clone(), at.binding);
+                entries.push(entry(name, &module, variable)?);
+            }
+        }
+        let told = bindings.remove("params");
+        let layout = self.device().create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some(name),
+            entries: &entries,
+        });
+        let own = self.device().create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some(name),
+            bind_group_layouts: &[Some(&layout)],
+            immediate_size: 0,
+        });
         let shader = self.device().create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some(name),
             source: wgpu::ShaderSource::Wgsl(source.into()),
         });
         // One that asks for no item would not know what it is told.
-        let constants = [("parts", f64::from(self.parts()))];
+        let constants = [("parts", f64::from(self.ways().parts))];
         let asks = module.overrides.iter().any(|(_, o)| o.name.as_deref() == Some("parts"));
         let constants = if asks { &constants[..] } else { &[] };
         let pipeline = self.device().create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(name),
-            layout: None,
+            layout: Some(&own),
             module: &shader,
             entry_point: None,
             compilation_options: wgpu::PipelineCompilationOptions {
@@ -156,8 +222,9 @@ impl Gpu {
             cache: None,
         });
         self.check(name)?;
-        let layout = pipeline.get_bind_group_layout(0);
-        let kernel = Arc::new(Kernel { name, pipeline, layout, bindings });
+        static NEXT: AtomicUsize = AtomicUsize::new(0);
+        let id = NEXT.fetch_add(1, Ordering::Relaxed);
+        let kernel = Arc::new(Kernel { name, pipeline, layout, bindings, told, id });
         lock(&self.kernels).insert(key, kernel.clone());
         Ok(kernel)
     }

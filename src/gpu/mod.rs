@@ -4,18 +4,25 @@
 //! allocation is caught by handlers and comes back from the next call as an
 //! [`Error`] that names the stage; nothing panics.
 
+pub mod clock;
 pub mod counter;
+pub mod groups;
 pub mod kernel;
 pub mod layout;
+pub mod pace;
 mod progress;
-mod recorder;
+pub mod queue;
+pub mod read;
+pub mod resource;
 pub mod run;
 pub mod scan;
+pub mod sort;
+pub mod turns;
+pub mod ways;
 pub mod work;
 
-use std::collections::HashMap;
-use std::ops::Range;
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::collections::{HashMap, VecDeque};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -24,8 +31,11 @@ use wgpu::util::DeviceExt;
 use crate::error::{Error, Result};
 use kernel::{Kernel, Library};
 pub use progress::Progress;
-use recorder::Recorder;
-use run::{Bytes, Clock, Timings};
+use clock::Clock;
+use groups::Keeper;
+use queue::{Command, DISPATCHES, Player, UNIFORM};
+use turns::{ARGUMENT, ARGUMENTS};
+use ways::Ways;
 
 /// Threads of a work group, in every kernel that works item by item.
 pub const GROUP: u32 = 64;
@@ -83,15 +93,6 @@ pub struct AdapterReport {
     pub timestamps: bool,
 }
 
-/// Some 32-bit words of a buffer.
-#[derive(Clone)]
-pub struct Words<'a> {
-    /// The buffer.
-    pub buffer: &'a wgpu::Buffer,
-    /// Which of its words.
-    pub range: Range<u64>,
-}
-
 /// A kernel's name and the flags that are set, sorted.
 type KernelKey = (&'static str, Vec<&'static str>);
 
@@ -106,12 +107,22 @@ pub struct Gpu {
     faults: Arc<Mutex<Vec<String>>>,
     library: &'static Library,
     kernels: Mutex<HashMap<KernelKey, Arc<Kernel>>>,
-    timings: Mutex<Timings>,
+    ways: Ways,
     clock: Mutex<Clock>,
-    recorder: Mutex<Recorder>,
-    /// Buffers of [`SHORT`] bytes that are read through.
+    /// What is recorded and not played.
+    queued: Mutex<VecDeque<Command>>,
+    player: Mutex<Player>,
+    keeper: Keeper,
+    /// What dispatches are told.
+    uniforms: wgpu::Buffer,
+    /// Arguments of indirect dispatches, and how many of them were ever given.
+    arguments: wgpu::Buffer,
+    given: AtomicU32,
+    /// Short buffers that are read through.
     staging: Mutex<Vec<wgpu::Buffer>>,
-    slice_budget: Duration,
+    slice_budget: Mutex<Duration>,
+    phase: AtomicUsize,
+    is_stepped: AtomicBool,
 }
 
 /// Work that another thread left half-done is still data: a poisoned lock is entered.
@@ -122,6 +133,8 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 fn instance() -> wgpu::Instance {
     wgpu::Instance::new(wgpu::InstanceDescriptor {
         backends: wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12,
+        // Arguments of indirect dispatches are found within their limits.
+        flags: wgpu::InstanceFlags::default() - wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL,
         ..wgpu::InstanceDescriptor::new_without_display_handle()
     })
 }
@@ -239,20 +252,45 @@ impl Gpu {
             }
         });
         let timed = device.features().contains(wgpu::Features::TIMESTAMP_QUERY);
+        let buffer = |label, size, usage| {
+            device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                size,
+                usage,
+                mapped_at_creation: false,
+            })
+        };
+        let uniforms = buffer(
+            "uniforms",
+            (DISPATCHES * UNIFORM) as u64,
+            wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+        );
+        let arguments = buffer(
+            "arguments",
+            u64::from(ARGUMENTS) * ARGUMENT,
+            wgpu::BufferUsages::INDIRECT | wgpu::BufferUsages::STORAGE,
+        );
         Self {
             limits: device.limits(),
             tick: timed.then(|| queue.get_timestamp_period()),
-            recorder: Mutex::new(Recorder::new(&device)),
+            ways: Ways::of(&report),
+            queued: Mutex::default(),
+            player: Mutex::new(Player::new(uniforms.clone())),
+            keeper: Keeper::default(),
+            uniforms,
+            arguments,
+            given: AtomicU32::new(0),
+            phase: AtomicUsize::new(0),
+            is_stepped: AtomicBool::new(false),
             device,
             queue,
             report,
             faults,
             library,
             kernels: Mutex::default(),
-            timings: Mutex::default(),
             clock: Mutex::default(),
             staging: Mutex::default(),
-            slice_budget: Duration::from_millis(100),
+            slice_budget: Mutex::new(Duration::from_millis(100)),
         }
     }
 
@@ -261,14 +299,52 @@ impl Gpu {
         &self.report
     }
 
-    /// Whether [`Timings`] come from the device's own clock.
+    /// How work is shaped for it.
+    pub fn ways(&self) -> Ways {
+        self.ways
+    }
+
+    /// Whether [`clock::Timings`] come from the device's own clock.
     pub fn has_timestamps(&self) -> bool {
         self.tick.is_some()
     }
 
     /// Wall-clock time that one slice of a heavy stage may take; 100 ms to begin with.
-    pub fn set_slice_budget(&mut self, budget: Duration) {
-        self.slice_budget = budget;
+    pub fn set_slice_budget(&self, budget: Duration) {
+        *lock(&self.slice_budget) = budget;
+    }
+
+    pub(crate) fn slice_budget(&self) -> Duration {
+        *lock(&self.slice_budget)
+    }
+
+    /// Has what is recorded wait until it is played ([`Gpu::play`]), or be played as it comes, which
+    /// is so to begin with.
+    pub fn set_stepped(&self, is_stepped: bool) {
+        self.is_stepped.store(is_stepped, Ordering::Relaxed);
+    }
+
+    pub(super) fn is_stepped(&self) -> bool {
+        self.is_stepped.load(Ordering::Relaxed)
+    }
+
+    /// Has the times of what is recorded from now on summed as this phase, below
+    /// [`clock::PHASES`].
+    pub fn enter(&self, phase: usize) {
+        self.phase.store(phase, Ordering::Relaxed);
+    }
+
+    pub(super) fn phase(&self) -> usize {
+        self.phase.load(Ordering::Relaxed)
+    }
+
+    pub(super) fn arguments(&self) -> &wgpu::Buffer {
+        &self.arguments
+    }
+
+    /// Room for so many arguments; returns the first.
+    pub(super) fn reserve_arguments(&self, count: u32) -> u32 {
+        self.given.fetch_add(count, Ordering::Relaxed)
     }
 
     /// Bytes of one buffer that a kernel can see, and no more than 32 bits can count.
@@ -282,13 +358,25 @@ impl Gpu {
         self.limits.max_texture_dimension_3d
     }
 
-    /// The times measured since the last call, by dispatch name, all work being done.
+    /// Overwrites a texture, after all that was recorded before.
     ///
     /// # Errors
     /// The device failed.
-    pub fn take_timings(&self) -> Result<Timings> {
-        self.read_clock()?;
-        Ok(std::mem::take(&mut lock(&self.timings)))
+    pub fn write_texture<T: bytemuck::Pod>(
+        &self,
+        texture: &wgpu::Texture,
+        texels: &[T],
+    ) -> Result<()> {
+        self.submit()?;
+        let size = texture.size();
+        let layout = wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(size.width * size_of::<T>() as u32),
+            rows_per_image: Some(size.height),
+        };
+        let bytes = bytemuck::cast_slice(texels);
+        self.queue.write_texture(texture.as_image_copy(), bytes, layout, size);
+        self.check("write")
     }
 
     /// The first fault that the device reported since the last look, if any.
@@ -332,91 +420,13 @@ impl Gpu {
     }
 
     /// Overwrites the beginning of `buffer`, after all that was recorded before.
-    pub fn write<T: bytemuck::Pod>(&self, buffer: &wgpu::Buffer, data: &[T]) {
-        self.submit();
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn write<T: bytemuck::Pod>(&self, buffer: &wgpu::Buffer, data: &[T]) -> Result<()> {
+        self.submit()?;
         self.queue.write_buffer(buffer, 0, bytemuck::cast_slice(data));
-    }
-
-    /// Copies a buffer back to the host.
-    ///
-    /// # Errors
-    /// The device failed.
-    pub fn read<T: bytemuck::Pod>(&self, stage: &str, buffer: &wgpu::Buffer) -> Result<Vec<T>> {
-        self.fetch(stage, &[Bytes::all(buffer)])
-    }
-
-    /// Copies 32-bit words of buffers back to the host, together: a device that is waited for
-    /// once rests less than one that is waited for again and again.
-    ///
-    /// # Errors
-    /// The device failed.
-    pub fn read_words(&self, stage: &str, parts: &[Words]) -> Result<Vec<u32>> {
-        let bytes = parts.iter().map(|Words { buffer, range }| Bytes {
-            buffer,
-            offset: 4 * range.start,
-            size: 4 * (range.end - range.start),
-        });
-        self.fetch(stage, &bytes.collect::<Vec<_>>())
-    }
-
-    /// Copies bytes of buffers, all work on them being done.
-    fn fetch<T: bytemuck::Pod>(&self, stage: &str, parts: &[Bytes]) -> Result<Vec<T>> {
-        let bytes = parts.iter().map(|part| part.size).sum();
-        // Short readings are many, and a new buffer for each takes longer than the copy.
-        let is_short = bytes <= SHORT;
-        let spare = if is_short { lock(&self.staging).pop() } else { None };
-        let staging = spare.unwrap_or_else(|| {
-            self.device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some(stage),
-                size: if is_short { SHORT } else { bytes },
-                usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
-                mapped_at_creation: false,
-            })
-        });
-        let mut recorder = lock(&self.recorder);
-        let (encoder, mut at) = (recorder.encoder(self), 0);
-        for Bytes { buffer, offset, size } in parts {
-            encoder.copy_buffer_to_buffer(buffer, *offset, &staging, at, *size);
-            at += size;
-        }
-        recorder.submit(self);
-        drop(recorder);
-        // Whatever the callback would say, the mapping below says again.
-        staging.map_async(wgpu::MapMode::Read, ..bytes, |_| {});
-        self.wait(stage)?;
-        let view =
-            staging.get_mapped_range(..bytes).map_err(|e| Error::device(stage, e.to_string()))?;
-        let mut copy = vec![T::zeroed(); view.len() / size_of::<T>()];
-        let length = size_of_val(copy.as_slice());
-        bytemuck::cast_slice_mut(&mut copy).copy_from_slice(&view[..length]);
-        drop(view);
-        staging.unmap();
-        if is_short {
-            lock(&self.staging).push(staging);
-        }
-        Ok(copy)
-    }
-
-    /// Submits all recorded work.
-    pub(super) fn submit(&self) {
-        lock(&self.recorder).submit(self);
-    }
-
-    /// Waits until all recorded work is done.
-    pub(crate) fn wait(&self, stage: &str) -> Result<()> {
-        self.submit();
-        lock(&self.clock).waits += 1;
-        // wgpu panics where it finds the device lost while it waits, and only there.
-        let waited = catch_unwind(AssertUnwindSafe(|| {
-            self.device.poll(wgpu::PollType::wait_indefinitely())
-        }));
-        self.check(stage)?;
-        match waited {
-            Ok(polled) => polled.map(|_| ()).map_err(|e| Error::device(stage, e.to_string())),
-            Err(_) => {
-                Err(Error::device(stage, "the device was lost; another --adapter may fare better"))
-            }
-        }
+        self.check("write")
     }
 
     /// Refuses a buffer that no kernel could see.
@@ -485,9 +495,6 @@ fn host_memory(line: &str) -> Option<u64> {
     let line = info.lines().find_map(|each| each.strip_prefix(line))?;
     Some(line.split_whitespace().next()?.parse::<u64>().ok()? << 10)
 }
-
-/// Bytes that are read through a buffer that stays.
-const SHORT: u64 = 1 << 16;
 
 const MIB: f64 = 1024.0 * 1024.0;
 

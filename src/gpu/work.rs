@@ -1,7 +1,7 @@
 //! Work lists: the items that an update works on, compacted by a prefix sum.
 //!
-//! Their lengths are read back, several at once, rather than dispatched indirectly: buffers are made
-//! and long work is sliced by them.
+//! The device has their lengths, in their first words: dispatches over them are indirect
+//! ([`Told`]). The host learns them where memory is to be had by them.
 
 use std::sync::Arc;
 
@@ -9,9 +9,12 @@ use crate::bits::hash;
 use crate::error::Result;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
-use crate::gpu::run::{Resource, Stage};
+use crate::gpu::read::Words;
+use crate::gpu::resource::Resource;
+use crate::gpu::run::Stage;
 use crate::gpu::scan::{SCAN_BLOCK, Scanner};
-use crate::gpu::{GROUP, Gpu, Words};
+use crate::gpu::turns::{Told, When};
+use crate::gpu::{GROUP, Gpu};
 
 shared_struct! {
     /// What the compaction kernel is told.
@@ -34,7 +37,7 @@ shared_struct! {
         pub period: u32,
         /// Words to fill.
         pub count: u32,
-        /// Added to a word for each before it.
+        /// Added to a word for each before it: a list of all then, whose first word is its length.
         pub rise: u32,
         /// Keeps the size a multiple of 16.
         pub pad: u32,
@@ -43,15 +46,16 @@ shared_struct! {
 
 /// Some of `capacity` items, each once.
 pub struct WorkList {
-    /// The listed items: the first `count` words.
+    /// How many are listed, and then which.
     pub items: wgpu::Buffer,
     /// A bit for each item: whether it is to be listed.
     pub marks: wgpu::Buffer,
-    /// How many are listed.
+    /// How many are listed, if the host has learned it.
     pub count: u32,
-    capacity: u32,
+    /// How many there are.
+    pub capacity: u32,
     /// How many are marked in the blocks before each, and in all.
-    sums: wgpu::Buffer,
+    pub sums: wgpu::Buffer,
     scanner: Scanner,
     total: Arc<Kernel>,
     rank: Arc<Kernel>,
@@ -68,7 +72,7 @@ impl WorkList {
         let words = capacity.div_ceil(32);
         let blocks = words.div_ceil(SCAN_BLOCK);
         Ok(Self {
-            items: gpu.buffer::<u32>("work list", capacity as usize)?,
+            items: gpu.buffer::<u32>("work list", capacity as usize + 1)?,
             marks: gpu.buffer::<u32>("work list marks", words as usize)?,
             count: 0,
             capacity,
@@ -88,14 +92,21 @@ impl WorkList {
     pub fn fill(&mut self, mut stage: Stage, shuffle: Option<u64>) -> Result<()> {
         self.count = self.capacity;
         if shuffle.is_some() {
-            stage.gpu().write(&self.items, &shuffled((0..self.capacity).collect(), shuffle));
+            let items = shuffled((0..self.capacity).collect(), shuffle);
+            stage.gpu().write(&self.items, &[&[self.capacity], items.as_slice()].concat())?;
         } else {
-            let params =
-                FillParams { period: 1, count: self.capacity, rise: 1, ..Default::default() };
+            let count = self.capacity + 1;
+            let low = [u32::MAX, 0, 0, 0];
+            let params = FillParams { low, period: 1, count, rise: 1, ..Default::default() };
             let data = [("data", (&self.items).into())];
-            stage.dispatch(&self.fill, self.capacity.into(), &data, &params)?;
+            stage.dispatch(&self.fill, count.into(), &data, &params)?;
         }
         stage.finish()
+    }
+
+    /// Its length, for dispatches over it.
+    pub fn told(&self) -> Told {
+        Told::of(&self.items, self.capacity)
     }
 
     /// Marks no item.
@@ -109,9 +120,9 @@ impl WorkList {
     }
 
     /// Where the device has how many are listed.
-    pub fn length(&self) -> Words<'_> {
+    pub fn length(&self) -> Words {
         let blocks = u64::from(self.params().blocks);
-        Words { buffer: &self.sums, range: blocks..blocks + 1 }
+        Words { buffer: self.sums.clone(), range: blocks..blocks + 1 }
     }
 
     /// Reads how many items lists have that were recorded.
@@ -144,8 +155,7 @@ impl WorkList {
         self.compact(stage, &self.rank, ("ranks", ranks.into()))
     }
 
-    /// Lists the marked items, in their order, as the end of the stage that marks them. How many
-    /// they are is to be learned yet.
+    /// Lists the marked items, in their order, as the end of the stage that marks them.
     ///
     /// # Errors
     /// The device failed.
@@ -169,15 +179,16 @@ impl WorkList {
         stage.dispatch(kernel, threads, &bindings, &params)
     }
 
-    /// Puts the items in another order, if there is a seed for it.
+    /// Puts the listed items in another order, if there is a seed for it.
     ///
     /// # Errors
     /// The device failed.
     pub fn shuffle(&self, gpu: &Gpu, seed: Option<u64>) -> Result<()> {
         if seed.is_some() {
             let mut items = gpu.read::<u32>("list", &self.items)?;
-            items.truncate(self.count as usize);
-            gpu.write(&self.items, &shuffled(items, seed));
+            let count = items.remove(0);
+            items.truncate(count as usize);
+            gpu.write(&self.items, &[&[count], shuffled(items, seed).as_slice()].concat())?;
         }
         Ok(())
     }
@@ -217,14 +228,30 @@ pub fn fill_first(
     count: u32,
     pattern: &[u32],
 ) -> Result<()> {
-    let mut words = [0; 8];
-    words[..pattern.len()].copy_from_slice(pattern);
-    let [a, b, c, d, e, f, g, h] = words;
-    let period = pattern.len() as u32;
-    let params =
-        FillParams { low: [a, b, c, d], high: [e, f, g, h], period, count, ..Default::default() };
+    let params = FillParams::of(count, pattern);
     let kernel = gpu.kernel("fill", &[])?;
     let mut stage = gpu.stage(stage);
     stage.dispatch(&kernel, count.into(), &[("data", buffer.into())], &params)?;
     stage.finish()
+}
+
+/// Clears a buffer of words to zero where choices were made.
+///
+/// # Errors
+/// The device refuses.
+pub fn clear_when(stage: &mut Stage, buffer: &wgpu::Buffer, when: &When) -> Result<()> {
+    let count = (buffer.size() / 4) as u32;
+    let kernel = stage.gpu().kernel("fill", &[])?;
+    let told = Told::known(count, when.clone());
+    stage.dispatch_told(&kernel, &told, &[("data", buffer.into())], &FillParams::of(count, &[0]))
+}
+
+impl FillParams {
+    fn of(count: u32, pattern: &[u32]) -> Self {
+        let mut words = [0; 8];
+        words[..pattern.len()].copy_from_slice(pattern);
+        let [a, b, c, d, e, f, g, h] = words;
+        let period = pattern.len() as u32;
+        Self { low: [a, b, c, d], high: [e, f, g, h], period, count, ..Default::default() }
+    }
 }

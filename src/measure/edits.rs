@@ -8,7 +8,7 @@ use crate::film::Image;
 use crate::gpu::Gpu;
 use crate::gpu::Progress;
 use crate::gpu::counter::Counters;
-use crate::gpu::run::{Timing, milliseconds};
+use crate::gpu::clock::{Effort, Timing, milliseconds};
 use crate::scene::Scene;
 use crate::segment::Segment;
 use crate::split::Split;
@@ -22,8 +22,8 @@ pub struct Cost {
     pub stages: Vec<Timing>,
     /// Wall-clock time, ms.
     pub total: f64,
-    /// How often the host waited for the device.
-    pub waits: u64,
+    /// What the host did for it.
+    pub effort: Effort,
     /// The stages' times, summed by phase.
     #[serde(skip)]
     pub phases: Phases,
@@ -179,20 +179,21 @@ pub fn fresh(gpu: &Gpu, scene: &Scene, volume: &Volume) -> Result<PhotonFrame> {
 /// When a measurement began.
 struct Begun {
     at: Instant,
-    waits: u64,
+    effort: Effort,
 }
 
 impl Begun {
     fn now(gpu: &Gpu) -> Self {
-        Self { at: Instant::now(), waits: gpu.waits() }
+        Self { at: Instant::now(), effort: gpu.effort() }
     }
 
     /// What was spent since, all work being done.
     fn cost(self, gpu: &Gpu) -> Result<Cost> {
+        let effort = gpu.effort().since(self.effort);
         gpu.wait("measure")?;
-        let (total, waits) = (milliseconds(self.at.elapsed()), gpu.waits() - self.waits);
+        let total = milliseconds(self.at.elapsed());
         let phases = Phases::of_last(gpu)?;
-        Ok(Cost { stages: gpu.take_timings()?.rows().to_vec(), total, waits, phases })
+        Ok(Cost { stages: gpu.take_timings()?.rows().to_vec(), total, effort, phases })
     }
 }
 

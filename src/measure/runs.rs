@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::gpu::Progress;
-use crate::gpu::run::Timing;
+use crate::gpu::clock::Timing;
 use crate::measure::{self, Cost, Rebuild};
 use crate::scene::Scene;
 use crate::update::{Phases, PhotonFrame, Updated};
@@ -42,7 +42,7 @@ impl Runs {
         Cost {
             stages: stages.collect(),
             total: self.median(|c| c.total),
-            waits: self.median(|c| c.waits as f64) as u64,
+            effort: self.costs.last().map(|cost| cost.effort).unwrap_or_default(),
             phases: Phases {
                 photons: self.median(|c| c.phases.photons),
                 light_field: self.median(|c| c.phases.light_field),

@@ -281,7 +281,7 @@ fn measured(gpu: &Gpu, effort: Effort, row: &Row, variant: &Variant) -> Result<M
         round(cost.phases.light_field),
         round(cost.phases.segments),
         round(cost.total),
-        json!(cost.waits),
+        json!(cost.effort.waits),
         round(speedup),
         json!(mismatches.all()),
         json!(stale),

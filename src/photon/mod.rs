@@ -28,7 +28,11 @@ use crate::gpu::Gpu;
 use crate::gpu::Progress;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
-use crate::gpu::run::{Bindings, Pace, Stage};
+use crate::gpu::pace::Pace;
+use crate::gpu::queue::Total;
+use crate::gpu::resource::Bindings;
+use crate::gpu::run::Stage;
+use crate::gpu::turns::{Told, When};
 use crate::gpu::work::{WorkList, fill, fill_first};
 use crate::scene::Settings;
 use crate::split::Split;
@@ -59,16 +63,12 @@ shared_struct! {
         pub items: u32,
         /// First of the part of the work list that is worked on.
         pub first_listed: u32,
-        /// Photons in that part.
+        /// Photons in that part, at most.
         pub listed: u32,
         /// First event after which the roulette runs.
         pub roulette_from: u32,
         /// Probability to survive it.
         pub roulette_survival: f32,
-        /// Photons that the journal holds.
-        pub journal_photons: u32,
-        /// 1 where what the journal holds goes back to the slots.
-        pub restores: u32,
         /// Bins where a flight may be stopped that was not.
         pub risen: [u32; 2],
         /// First event of the window that a dispatch traces, from where each photon resumes.
@@ -82,7 +82,11 @@ shared_struct! {
         /// See `roulette_gain`.
         pub roulette_doublings: i32,
         /// Keeps the size a multiple of 16.
-        pub pad: u32,
+        pub pad0: u32,
+        /// The same.
+        pub pad1: u32,
+        /// The same.
+        pub pad2: u32,
     }
 }
 
@@ -143,22 +147,20 @@ pub struct Batch {
     pub tasks: wgpu::Buffer,
     /// The photons to work on.
     pub list: WorkList,
+    /// Whether it has listed any, that anybody knows of.
+    pub is_listed: bool,
     /// The light's power changed, and an update has not finished since.
     pub relit: bool,
-    /// Slots changed that the light field does not know of yet.
+    /// Slots may have changed that the light field does not know of yet.
     pub stale: bool,
     /// [`SlotMarks`] of its slots.
     pub slot_marks: wgpu::Buffer,
-    /// Whether any slot may have moved.
-    pub any_moved: bool,
-    /// Whether any may give other light.
-    pub any_altered: bool,
 }
 
 impl Batch {
     fn new(gpu: &Gpu, id: u32, first_index: u32, photons: u32, max_events: u32) -> Result<Self> {
         let slots = photons as usize * max_events as usize;
-        let mut batch = Self {
+        let batch = Self {
             light_id: id,
             light: 0,
             first_index,
@@ -167,18 +169,17 @@ impl Batch {
             states: gpu.buffer::<[u32; 4]>("photon states", slots)?,
             tasks: gpu.buffer::<u32>("photon tasks", photons as usize)?,
             list: WorkList::new(gpu, photons)?,
+            is_listed: false,
             relit: false,
             stale: true,
             slot_marks: gpu.buffer::<SlotMarks>("slot marks", slots.div_ceil(32))?,
-            any_moved: true,
-            any_altered: true,
         };
         batch.forget(gpu)?;
         Ok(batch)
     }
 
     /// Its resources, by the names that the kernels give them.
-    pub fn bindings(&self) -> Bindings<'_> {
+    pub fn bindings(&self) -> Bindings {
         vec![
             ("places", (&self.places).into()),
             ("states", (&self.states).into()),
@@ -192,8 +193,7 @@ impl Batch {
     ///
     /// # Errors
     /// The device failed.
-    pub fn forget(&mut self, gpu: &Gpu) -> Result<()> {
-        (self.any_moved, self.any_altered) = (true, true);
+    pub fn forget(&self, gpu: &Gpu) -> Result<()> {
         fill(gpu, "forget", &self.slot_marks, &[u32::MAX])?;
         let mut stage = gpu.stage("forget");
         stage.clear(&self.places);
@@ -208,9 +208,7 @@ impl Batch {
     /// # Errors
     /// The device failed.
     pub fn unmark(&mut self, gpu: &Gpu) -> Result<()> {
-        self.stale = false;
-        let [moved, altered] = [&mut self.any_moved, &mut self.any_altered].map(std::mem::take);
-        if moved || altered {
+        if std::mem::take(&mut self.stale) {
             let mut stage = gpu.stage("slot marks");
             stage.clear(&self.slot_marks);
             stage.finish()?;
@@ -243,30 +241,36 @@ pub enum Follows {
 pub struct Part {
     /// Place of the batch in the map.
     pub batch: usize,
-    /// Of its work list.
+    /// Of its work list, which may end before.
     pub listed: Range<u32>,
 }
 
-/// Flights to be added to a light field or taken out of it.
-pub struct Flights<'a> {
-    /// Slots and work list, by the names that kernels give them.
-    pub bindings: Bindings<'a>,
+/// Flights to be added to a light field or taken out of it: of all photons of a batch, or of those
+/// of a part that changed.
+#[derive(Clone)]
+pub struct Flights {
+    /// Slots, and the photons that are chosen, by the names that kernels give them.
+    pub bindings: Bindings,
     /// Which light the batch belongs to.
     pub light: u32,
     /// The light's photon that is the batch's first.
     pub first_index: u32,
     /// Slots of a photon.
     pub max_events: u32,
-    /// First of the work list, where it lists photons.
-    pub first_listed: u32,
-    /// How many photons.
-    pub listed: u32,
-    /// Slots from one event to the next.
-    pub stride: u32,
+    /// Photons in the batch.
+    pub photons: u32,
+    /// Of those that are chosen: how many, as the device has it.
+    pub chosen: Option<Told>,
     /// Whether the slots are those that the journal keeps.
     pub in_journal: bool,
-    /// Whether the list is of chosen photons.
-    pub is_chosen: bool,
+}
+
+impl Flights {
+    /// These, where choices were made.
+    pub fn when(self, when: When) -> Self {
+        let chosen = self.chosen.map(|told| Told { when: Some(when), ..told });
+        Self { chosen, ..self }
+    }
 }
 
 /// All photons, in batches.
@@ -282,6 +286,8 @@ pub struct PhotonMap {
     trace: Arc<Kernel>,
     query: ByFollower,
     pace: Pace,
+    /// Events that one dispatch traces: one where the driver ended the loops of more.
+    events_at_once: u32,
 }
 
 /// A kernel for each of what light fields may follow.
@@ -340,7 +346,8 @@ impl PhotonMap {
             },
             trace: gpu.kernel("trace", &scene.flags())?,
             query: ByFollower::new(gpu, "photon_query")?,
-            pace: Pace::new(1 << 14),
+            pace: Pace::new(gpu, 1 << 14),
+            events_at_once: EVENTS_AT_ONCE,
         };
         map.arrange(gpu, &scene.lights, ids)?;
         Ok(map)
@@ -384,7 +391,7 @@ impl PhotonMap {
         self.journal.reserve(gpu, largest)
     }
 
-    /// Lists the photons of a batch that an edit touches; how many is to be learned yet. Where a
+    /// Lists the photons of a batch that an edit touches. Where a
     /// light field follows slots, those whose material scatters otherwise are marked.
     ///
     /// # Errors
@@ -410,99 +417,71 @@ impl PhotonMap {
             light: batch.light,
             first_index: batch.first_index,
             photons: batch.photons,
-            listed: batch.list.count,
+            listed: batch.photons,
             ..self.params
         }
+    }
+
+    /// Whether a driver that ended loops may not do so where fewer events are traced at once; has
+    /// them be so from here on.
+    pub fn slow_down(&mut self) -> bool {
+        let was_fast = self.events_at_once > 1;
+        self.events_at_once = 1;
+        was_fast
     }
 
     /// Traces all photons that a batch lists.
     ///
     /// # Errors
-    /// As [`Self::trace`].
+    /// The device failed.
     pub fn trace_all(&self, cx: Context, batch: usize, progress: &mut Progress) -> Result<()> {
-        let listed = 0..self.batches[batch].list.count;
-        self.trace_whole(cx, &Part { batch, listed }, |_| Ok(()), progress)
+        let listed = 0..self.batches[batch].photons;
+        let total = Total::Known(listed.len() as u64);
+        self.trace(cx, &Part { batch, listed }, total, progress)
     }
 
-    /// Traces a part of a batch's work list, whose slots the journal has.
-    ///
-    /// # Errors
-    /// The device failed, or ended the loops of even a single flight.
-    pub fn trace(&self, cx: Context, part: &Part, progress: &mut Progress) -> Result<()> {
-        self.trace_whole(cx, part, |map| map.restore(cx.gpu, part), progress)
-    }
-
-    /// Traces a window of events at a time. Where the driver ends the loops of a window, it is done
-    /// again event by event, from the slots as they are after `undo`.
-    fn trace_whole(
-        &self,
-        cx: Context,
-        part: &Part,
-        undo: impl Fn(&Self) -> Result<()>,
-        progress: &mut Progress,
-    ) -> Result<()> {
-        let Context { gpu, counters, .. } = cx;
-        counters.save(gpu)?;
-        for window in [EVENTS_AT_ONCE, 1] {
-            self.trace_windows(cx, part, window, progress)?;
-            let after = counters.read(gpu)?;
-            if after.unfinished == 0 {
-                return Ok(());
-            }
-            undo(self)?;
-            if window == 1 {
-                let remedy = "lower `majorant` and the extinctions, or the volume's resolution";
-                after.all_finished("trace", remedy)?;
-            }
-            counters.restore(gpu)?;
-        }
-        Ok(())
-    }
-
-    fn trace_windows(
-        &self,
-        cx: Context,
-        part: &Part,
-        window: u32,
-        progress: &mut Progress,
-    ) -> Result<()> {
+    /// Traces the photons of a part, a window of events at a time.
+    fn trace(&self, cx: Context, part: &Part, total: Total, progress: &mut Progress) -> Result<()> {
         let batch = &self.batches[part.batch];
         let mut bindings = [cx.scene.bindings(), batch.bindings()].concat();
         bindings.push(("counters", cx.counters.buffer().into()));
-        let total = part.listed.len() as u64;
-        let work = |stage: &mut Stage, range: Range<u64>| {
-            for first_event in (0..self.max_events).step_by(window as usize) {
+        let (kernel, window, events) = (self.trace.clone(), self.events_at_once, self.max_events);
+        let params = PhotonParams {
+            first_listed: part.listed.start,
+            listed: part.listed.len() as u32,
+            ..self.params(batch)
+        };
+        let work = move |stage: &mut Stage, range: Range<u64>| {
+            for first_event in (0..events).step_by(window as usize) {
                 let items = range.end - range.start;
                 let params = PhotonParams {
-                    first_item: part.listed.start + range.start as u32,
+                    first_item: params.first_listed + range.start as u32,
                     items: items as u32,
                     first_event,
                     stop_event: first_event + window,
-                    ..self.params(batch)
+                    ..params
                 };
-                stage.dispatch(&self.trace, items, &bindings, &params)?;
+                stage.dispatch(&kernel, items, &bindings, &params)?;
             }
             Ok(())
         };
-        cx.gpu.sliced("trace", total, &self.pace, work, &mut |n| progress.at("trace", n, total))
+        cx.gpu.sliced("trace", total, &self.pace, work, progress)
     }
 
-    /// The flights of all photons that a batch lists.
-    pub fn flights<'a>(&self, batch: &'a Batch) -> Flights<'a> {
+    /// The flights of all photons of a batch.
+    pub fn flights(&self, batch: &Batch) -> Flights {
         Flights {
             bindings: vec![
                 ("places", (&batch.places).into()),
                 ("states", (&batch.states).into()),
-                ("work", (&batch.list.items).into()),
+                ("chosen", self.journal.chosen().into()),
             ],
             light: batch.light,
             first_index: batch.first_index,
             max_events: self.max_events,
-            first_listed: 0,
-            listed: batch.list.count,
-            stride: batch.photons,
+            photons: batch.photons,
+            chosen: None,
             in_journal: false,
-            is_chosen: false,
         }
     }
 

@@ -8,7 +8,6 @@
 
 pub mod composite;
 
-use std::cell::Cell;
 use std::sync::Arc;
 
 use self::composite::{Composite, CompositeParams};
@@ -21,10 +20,13 @@ use crate::field::{LightField, Run, SegmentLight};
 use crate::film::Image;
 use crate::gpu::Gpu;
 use crate::gpu::Progress;
-use crate::gpu::counter::Counters;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
-use crate::gpu::run::{Pace, Stage};
+use crate::gpu::pace::Pace;
+use crate::gpu::queue::Total;
+use crate::gpu::read::Words;
+use crate::gpu::resource::Bytes;
+use crate::gpu::run::Stage;
 use crate::gpu::work::WorkList;
 use crate::scene::{Estimator, Rays, Scene};
 use crate::split::Split;
@@ -87,9 +89,8 @@ pub const LIST_LIT: u32 = 2;
 /// Segments of a ray that one thread looks at, a bit each.
 pub const SEGMENTS_AT_ONCE: u32 = 32;
 
-/// Points that one thread tests in one dispatch, roughly: some drivers lose patience after a
-/// second or two, or after 65 535 turns of its loops.
-const TESTS_AT_ONCE: f64 = 49_152.0;
+/// Points that one thread tests in one dispatch, roughly, of the turns that an adapter lets it take.
+const TESTS_PER_TURN: f64 = 0.75;
 
 /// Parts in which the points are gathered, at most.
 const MAX_PARTS: u32 = 1 << 12;
@@ -150,15 +151,24 @@ pub struct Computed {
     pub corrected: u64,
     /// Segments in all.
     pub total: u64,
-    /// What the stages counted so far.
-    pub counts: Counters,
 }
 
 /// A screen band, with one of the rays of each of its pixels.
-#[derive(Clone, Copy)]
-struct BandRay {
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BandRay {
     band: usize,
     ray: u32,
+}
+
+/// What an update asks of segments.
+#[derive(Clone, Copy)]
+pub struct Request<'a> {
+    /// What they are computed from.
+    pub from: Sources<'a>,
+    /// Bins of the entries that an edit changed.
+    pub query: u64,
+    /// How the work is cut.
+    pub split: &'a Split,
 }
 
 /// How a gather begins.
@@ -179,9 +189,14 @@ pub struct SegmentMap {
     segment: Arc<Kernel>,
     query: Arc<Kernel>,
     /// By the magnitude of how many points there are: by that, what an item costs.
-    paces: [Pace; 33],
-    /// What was counted, if an update has read it.
-    counted: Cell<Option<Counters>>,
+    paces: Vec<Pace>,
+    /// Parts in which points are gathered, over those that they would need if they were spread evenly:
+    /// more where the driver ended loops.
+    more_parts: u32,
+    /// Segments that an update lists, as far as the host knows; and as the device does, two words a
+    /// band: those that see light that changed, and the others.
+    known: u64,
+    tally: wgpu::Buffer,
 }
 
 impl SegmentMap {
@@ -242,12 +257,14 @@ impl SegmentMap {
                 ..SegmentParams::of(camera.rays(&device.local_from_world)?)
             },
             strata: strata(settings.rays),
-            bands,
             composite: Composite::new(gpu, scene, light)?,
             segment: segment_kernel(gpu, device, field)?,
             query: gpu.kernel("segment_query", &[])?,
-            paces: std::array::from_fn(|_| Pace::new(1 << 12)),
-            counted: Cell::default(),
+            paces: (0..=u32::BITS).map(|_| Pace::new(gpu, 1 << 12)).collect(),
+            more_parts: 1,
+            known: 0,
+            tally: gpu.buffer::<[u32; 2]>("listed segments", bands.len())?,
+            bands,
         })
     }
 
@@ -287,80 +304,102 @@ impl SegmentMap {
         self.bands.iter_mut().for_each(|band| band.fresh = true);
     }
 
-    /// Computes the segments that read an entry of `query`, or see light that changed, and
-    /// the image, ray after ray.
+    /// The rays of bands, each of which is computed on its own: all of the first ray, and so on.
+    pub fn rays(&self) -> Vec<BandRay> {
+        let rays = self.strata[0] * self.strata[1];
+        let bands = 0..self.bands.len();
+        (0..rays).flat_map(|ray| bands.clone().map(move |band| BandRay { band, ray })).collect()
+    }
+
+    /// Begins to count what is computed.
     ///
     /// # Errors
     /// The device failed.
-    pub fn update(
-        &mut self,
-        cx: Context,
-        from: Sources,
-        query: u64,
-        split: &Split,
-        progress: &mut Progress,
-    ) -> Result<Computed> {
-        let rays = self.strata[0] * self.strata[1];
-        let rows = u64::from(rays) * u64::from(self.params.height);
-        let mut parts = self.parts(cx, from.field);
-        let mut done = Computed { total: u64::from(rays) * self.count(), ..Default::default() };
-        let repaints = self.composite.repaints();
-        for ray in 0..rays {
-            for band in 0..self.bands.len() {
-                let at = BandRay { band, ray };
-                // Between rays a band holds another ray's segments.
-                let anew = self.bands[band].fresh || rays > 1;
-                if anew {
-                    self.bands[band].list.fill(cx.gpu.stage("list"), split.shuffle)?;
-                    done.segments += self.gather(cx, from, at, &mut parts)?;
-                } else if let Some(runs) = from.field.changes() {
-                    // Where nothing was read but light, light alone is corrected.
-                    if !runs.is_empty() {
-                        self.list(cx, from, band, query, LIST_LIT, split)?;
-                        done.corrected += self.correct(cx, from, at, &runs, &mut parts)?;
-                    }
-                    if query != 0 {
-                        self.list(cx, from, band, query, LIST_READ, split)?;
-                        done.segments += self.gather(cx, from, at, &mut parts)?;
-                    }
-                } else {
-                    self.list(cx, from, band, query, LIST_READ | LIST_LIT, split)?;
-                    done.segments += self.gather(cx, from, at, &mut parts)?;
-                }
-                self.composite(cx.gpu, at, rays, repaints || anew)?;
-                let band = &self.bands[band];
-                let row = u64::from(ray * self.params.height + band.first_row + band.rows);
-                progress.at("segment", row, rows);
-            }
-        }
-        self.bands.iter_mut().for_each(|band| band.fresh = false);
-        self.composite.all_painted();
-        done.segments += done.corrected;
-        done.counts = self.counted.take().map_or_else(|| cx.counters.read(cx.gpu), Ok)?;
-        Ok(done)
+    pub fn begin(&mut self, cx: Context) -> Result<()> {
+        self.known = 0;
+        let mut stage = cx.gpu.stage("segments");
+        stage.clear(&self.tally);
+        stage.finish()
     }
 
-    /// Parts in which to gather the points, so that no thread tests many more than
-    /// `TESTS_AT_ONCE` at a time if they are spread evenly.
+    /// Computes the segments of a ray of a band that read an entry of the query, or see light that
+    /// changed, and their pixels.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn compute(
+        &mut self,
+        cx: Context,
+        at: BandRay,
+        request: Request,
+        progress: &mut Progress,
+    ) -> Result<()> {
+        let Request { from, query, split } = request;
+        let rays = self.strata[0] * self.strata[1];
+        // Between rays a band holds another ray's segments.
+        let anew = self.bands[at.band].fresh || rays > 1;
+        if anew {
+            let list = &mut self.bands[at.band].list;
+            list.fill(cx.gpu.stage("list"), split.shuffle)?;
+            let all = u64::from(list.count);
+            self.known += all;
+            self.gather(cx, from, at, Total::Known(all), progress)?;
+        } else if let Some(runs) = from.field.changes() {
+            // Where nothing was read but light, light alone is corrected.
+            if !runs.is_empty() {
+                let total = self.list(cx, at, request, LIST_LIT)?;
+                self.gather_runs(cx, from, at, &runs, Gather::OnTop, total, progress)?;
+            }
+            if query != 0 {
+                let total = self.list(cx, at, request, LIST_READ)?;
+                self.gather(cx, from, at, total, progress)?;
+            }
+        } else {
+            let total = self.list(cx, at, request, LIST_READ | LIST_LIT)?;
+            self.gather(cx, from, at, total, progress)?;
+        }
+        self.composite(cx.gpu, at, rays, self.composite.repaints() || anew)
+    }
+
+    /// Where the device has how many segments were listed.
+    pub fn listed(&self) -> Words {
+        Words { buffer: self.tally.clone(), range: 0..self.tally.size() / 4 }
+    }
+
+    /// All rays are computed; `listed` is what was asked for.
+    pub fn end(&mut self, listed: &[u32]) -> Computed {
+        self.bands.iter_mut().for_each(|band| band.fresh = false);
+        self.composite.all_painted();
+        let sum = |first: usize| listed.iter().skip(first).step_by(2).map(|&n| u64::from(n)).sum();
+        let [corrected, others]: [u64; 2] = [sum(0), sum(1)];
+        let total = u64::from(self.strata[0] * self.strata[1]) * self.count();
+        Computed { segments: self.known + corrected + others, corrected, total }
+    }
+
+    /// Whether a driver that ended loops may not do so where fewer points are gathered at once, which
+    /// all segments are then. Has the next update compute every segment.
+    pub fn slow_down(&mut self, field: &dyn LightField) -> bool {
+        self.restart();
+        let are_summed = field.segment_light() != SegmentLight::Colour;
+        let can = are_summed && self.more_parts < MAX_PARTS;
+        self.more_parts *= if can { 4 } else { 1 };
+        can
+    }
+
+    /// Parts in which to gather the points, so that no thread tests many more than an adapter lets
+    /// it at a time if they are spread evenly. Sums of integers: no bit depends on it.
     fn parts(&self, cx: Context, field: &dyn LightField) -> u32 {
         let params = &cx.scene.params;
         let longest = params.extent.iter().map(|e| e * e).sum::<f32>().sqrt();
         let samples = f64::from(longest / params.step / self.params.segments as f32) + 1.0;
-        let parts = samples * field.tests_per_sample() / TESTS_AT_ONCE;
-        (parts.ceil() as u32).clamp(1, MAX_PARTS)
+        let most = TESTS_PER_TURN * f64::from(cx.gpu.ways().turns);
+        let parts = (samples * field.tests_per_sample() / most).ceil() as u32;
+        parts.max(1).saturating_mul(self.more_parts).min(MAX_PARTS)
     }
 
     /// Lists the segments of a band that an edit touches: `LIST_` bits say which.
-    fn list(
-        &mut self,
-        cx: Context,
-        from: Sources,
-        band: usize,
-        query: u64,
-        which: u32,
-        split: &Split,
-    ) -> Result<()> {
-        let band = &mut self.bands[band];
+    fn list(&mut self, cx: Context, at: BandRay, request: Request, which: u32) -> Result<Total> {
+        let band = &self.bands[at.band];
         let pixels = band.rows * self.params.width;
         let items = pixels * self.params.segments.div_ceil(SEGMENTS_AT_ONCE);
         let params = SegmentParams {
@@ -368,11 +407,11 @@ impl SegmentMap {
             pixels,
             items,
             strata: self.strata,
-            query: words(query),
+            query: words(request.query),
             which,
             ..self.params
         };
-        let mut bindings = [cx.scene.bindings(), from.dirty.bindings()].concat();
+        let mut bindings = [cx.scene.bindings(), request.from.dirty.bindings()].concat();
         bindings.extend([
             ("segments", (&band.segments).into()),
             ("marks", (&band.list.marks).into()),
@@ -383,78 +422,41 @@ impl SegmentMap {
         band.list.unmark(&mut stage);
         stage.dispatch(&self.query, items.into(), &bindings, &params)?;
         band.list.record(stage)?;
-        let after = cx.counters.read_with(cx.gpu, &mut [&mut band.list])?;
-        self.counted.set(Some(after));
-        band.list.shuffle(cx.gpu, split.shuffle)?;
-        after.all_finished("segment_query", "raise `segments`")
+        let word = 2 * at.band as u64 + u64::from(which != LIST_LIT);
+        let mut stage = cx.gpu.stage("segment_query");
+        let length = Bytes { size: 4, ..Bytes::all(&band.list.items) };
+        stage.copy(length, &self.tally, 4 * word);
+        stage.finish()?;
+        band.list.shuffle(cx.gpu, request.split.shuffle)?;
+        Ok(Total::Told(band.list.told()))
     }
 
-    /// Computes the listed segments of a band from the whole light field. Where the driver
-    /// ends the loops of a long gather, the points are taken in more `parts`: sums of
-    /// integers, so no bit depends on it. Returns how many there are.
-    fn gather(&self, cx: Context, from: Sources, at: BandRay, parts: &mut u32) -> Result<u64> {
-        let listed = self.bands[at.band].list.count.into();
-        if listed == 0 {
-            return Ok(0);
-        }
-        cx.counters.save(cx.gpu)?;
-        let most = match from.field.segment_light() {
-            SegmentLight::Sums { .. } => MAX_PARTS,
-            SegmentLight::Colour => 1,
-        };
-        let runs = from.field.runs();
-        loop {
-            self.gather_runs(cx, at, &runs, *parts, Gather::Anew)?;
-            let after = cx.counters.read(cx.gpu)?;
-            self.counted.set(Some(after));
-            if after.unfinished == 0 {
-                return Ok(listed);
-            }
-            if *parts >= most {
-                after.all_finished("segment", "raise `segments`, or lower `radius`")?;
-            }
-            cx.counters.restore(cx.gpu)?;
-            *parts *= 4;
-        }
+    /// Computes the listed segments of a band from the whole light field.
+    fn gather(
+        &self,
+        cx: Context,
+        from: Sources,
+        at: BandRay,
+        total: Total,
+        progress: &mut Progress,
+    ) -> Result<()> {
+        self.gather_runs(cx, from, at, &from.field.runs(), Gather::Anew, total, progress)
     }
 
-    /// Takes the light that points had out of the listed segments of a band, and adds what they
-    /// have now. Returns how many segments there are.
-    fn correct(
+    /// Gathers runs of points one after the other, each in parts.
+    #[expect(clippy::too_many_arguments, reason = "each is of its own")]
+    fn gather_runs(
         &self,
         cx: Context,
         from: Sources,
         at: BandRay,
         runs: &[Run],
-        parts: &mut u32,
-    ) -> Result<u64> {
-        let listed = self.bands[at.band].list.count;
-        if listed == 0 {
-            return Ok(0);
-        }
-        cx.counters.save(cx.gpu)?;
-        self.gather_runs(cx, at, runs, *parts, Gather::OnTop)?;
-        let after = cx.counters.read(cx.gpu)?;
-        self.counted.set(Some(after));
-        if after.unfinished == 0 {
-            return Ok(listed.into());
-        }
-        // Half-corrected sums are of no use: all is gathered.
-        cx.counters.restore(cx.gpu)?;
-        self.gather(cx, from, at, parts)
-    }
-
-    /// Gathers runs of points one after the other, each in `parts`.
-    fn gather_runs(
-        &self,
-        cx: Context,
-        at: BandRay,
-        runs: &[Run],
-        parts: u32,
         how: Gather,
+        total: Total,
+        progress: &mut Progress,
     ) -> Result<()> {
         let band = &self.bands[at.band];
-        let count = u64::from(band.list.count);
+        let parts = self.parts(cx, from.field);
         for (i, run) in runs.iter().enumerate() {
             let mut bindings = [cx.scene.bindings(), run.bindings.clone()].concat();
             bindings.extend([
@@ -464,7 +466,7 @@ impl SegmentMap {
             ]);
             let bound =
                 |part: u32| (u64::from(run.points) * u64::from(part) / u64::from(parts)) as u32;
-            let pace = &self.paces[(u32::BITS - bound(1).leading_zeros()) as usize];
+            let pace = self.pace(bound(1), &total);
             for part in 0..parts {
                 let params = SegmentParams {
                     first_row: band.first_row,
@@ -476,16 +478,29 @@ impl SegmentMap {
                     points_end: bound(part + 1),
                     ..self.params
                 };
-                let work = |slice: &mut Stage, range: std::ops::Range<u64>| {
+                let (kernel, bindings) = (self.segment.clone(), bindings.clone());
+                let work = move |slice: &mut Stage, range: std::ops::Range<u64>| {
                     let (first_item, items) =
                         (range.start as u32, (range.end - range.start) as u32);
                     let params = SegmentParams { first_item, items, ..params };
-                    slice.dispatch(&self.segment, items.into(), &bindings, &params)
+                    slice.dispatch(&kernel, items.into(), &bindings, &params)
                 };
-                cx.gpu.sliced("segment", count, pace, work, &mut |_| ())?;
+                cx.gpu.sliced("segment", total.clone(), pace, work, progress)?;
             }
         }
         Ok(())
+    }
+
+    /// The pace of gathering so many points. What was never learned of a list whose length the device
+    /// has is taken from what takes longer.
+    fn pace(&self, points: u32, total: &Total) -> &Pace {
+        let own = (u32::BITS - points.leading_zeros()) as usize;
+        match total {
+            Total::Known(_) => &self.paces[own],
+            Total::Told(_) => {
+                self.paces[own..].iter().find(|pace| pace.is_learned()).unwrap_or(&self.paces[own])
+            }
+        }
     }
 
     /// Puts the segments of a band's pixels together: of `all`, or of those that were touched.

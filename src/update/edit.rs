@@ -28,6 +28,7 @@ impl PhotonFrame {
     /// rebuilds everything.
     pub fn edit(&mut self, gpu: &Gpu, scene: &Scene, split: &Split) -> Result<Scope> {
         scene.check()?;
+        self.abandon(gpu, split)?;
         if !self.source.settings.history {
             return Err(Error::setting("without histories (`history`) no edit can be applied"));
         }

@@ -16,18 +16,23 @@ mod edit;
 mod memory;
 mod warm;
 
+use std::time::Duration;
+
 use self::anew::Parts;
 use self::memory::Making;
 use crate::device_scene::{Context, DeviceScene};
 use crate::error::Result;
 use crate::field::dirty::Dirty;
-use crate::field::{self, Change, LightField, Request};
-use crate::gpu::counter::{CounterBuffer, Counters};
+use crate::field::{self, LightField, Request};
+use crate::gpu::counter::{COUNTER_WORDS, Choice, CounterBuffer, Counters};
+use crate::gpu::groups::Groups;
+use crate::gpu::queue::Play;
+use crate::gpu::read::{Reading, Words};
 use crate::gpu::{Gpu, Progress};
-use crate::history::{CHANGE_EMISSION, CHANGE_SCATTERING, Query};
-use crate::photon::PhotonMap;
+use crate::history::{CHANGE_EMISSION, Query};
+use crate::photon::{Part, PhotonMap};
 use crate::scene::{Scene, Spatial};
-use crate::segment::{Computed, SegmentMap, Sources};
+use crate::segment::{self, BandRay, SegmentMap, Sources};
 use crate::split::Split;
 
 pub use anew::Anew;
@@ -150,14 +155,47 @@ pub struct PhotonFrame {
     fresh: bool,
     /// What settings have changed and memory is still to be had for.
     missing: Parts,
+    /// An update that is under way.
+    going: Option<Going>,
+    /// What kernels are given, for as long as it is there.
+    groups: Groups,
 }
 
-/// What the query found among the photons.
-struct Found {
-    /// Photons to be worked on.
-    listed: u64,
-    /// Some of them have a flight that may be another.
-    any_invalid: bool,
+/// How far an update is.
+struct Going {
+    next: Next,
+    is_rebuild: bool,
+    /// Parts of the photons, and rays of the bands.
+    parts: Vec<Part>,
+    rays: Vec<BandRay>,
+    done: Updated,
+}
+
+/// What an update does next.
+enum Next {
+    /// Works on a part of the photons.
+    Photons(usize),
+    /// Finds out what the light field needs to know.
+    Survey,
+    /// Brings the light field up to date, when that is known.
+    Build(Option<Reading>),
+    /// Asks which segments see what changed.
+    Look,
+    /// Computes the segments of a ray of a band.
+    Segments(usize),
+    /// Reads what was counted.
+    Count,
+    /// Has that.
+    End(Reading),
+}
+
+/// What came of a step of an update.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Step {
+    /// The device is at work, or there is more to do.
+    Pending,
+    /// The update has come to its end, or was abandoned.
+    Done(Updated),
 }
 
 impl PhotonFrame {
@@ -182,6 +220,8 @@ impl PhotonFrame {
             pending: true,
             fresh: true,
             missing: Parts::default(),
+            going: None,
+            groups: Groups::default(),
             scene: device,
             field,
         })
@@ -202,8 +242,28 @@ impl PhotonFrame {
         split: &Split,
         progress: &mut Progress,
     ) -> Result<Updated> {
+        self.abandon(gpu, split)?;
         (self.fresh, self.pending) = (true, true);
         self.update(gpu, split, progress)
+    }
+
+    /// Ends an update that is under way, soon and not at its end: what it was about stays noted for
+    /// the next.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn abandon(&mut self, gpu: &Gpu, split: &Split) -> Result<()> {
+        match self.going.as_ref().map(|going| &going.next) {
+            None => return Ok(()),
+            Some(Next::Segments(_) | Next::Count | Next::End(_)) => gpu.discard(),
+            // A light field that is half built is of no use.
+            Some(_) => {
+                let mut stop = |_: &str| true;
+                self.update(gpu, split, &mut Progress::until(&mut stop))?;
+            }
+        }
+        self.going = None;
+        Ok(())
     }
 
     /// Begins to count, as an edit or a rebuild begins.
@@ -220,48 +280,123 @@ impl PhotonFrame {
         self.counters.read(gpu)
     }
 
+    /// Whether the device has made a choice, and nobody has taken it back.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn is_chosen(&self, gpu: &Gpu, choice: Choice) -> Result<bool> {
+        self.counters.is_chosen(gpu, choice)
+    }
+
     /// Computes what edits have touched since the last update that came to its end, unless
     /// `progress` has it abandoned on the way.
     ///
     /// # Errors
     /// The device failed; the next update rebuilds everything.
     pub fn update(&mut self, gpu: &Gpu, split: &Split, progress: &mut Progress) -> Result<Updated> {
-        let result = self.frame(gpu, split, progress);
+        loop {
+            if let Step::Done(done) = self.advanced(gpu, split, Play::Encode, progress)? {
+                return Ok(done);
+            }
+        }
+    }
+
+    /// Goes on with an update, or begins one, as far as the device has room for slices that take about
+    /// `budget` each; never waits for it. A window calls this once a frame.
+    ///
+    /// # Errors
+    /// As [`Self::update`].
+    pub fn step(
+        &mut self,
+        gpu: &Gpu,
+        split: &Split,
+        budget: Duration,
+        progress: &mut Progress,
+    ) -> Result<Step> {
+        let before = gpu.slice_budget();
+        gpu.set_slice_budget(budget);
+        gpu.set_stepped(true);
+        let result = self.advanced(gpu, split, Play::WithoutWaiting, progress);
+        gpu.set_stepped(false);
+        gpu.set_slice_budget(before);
+        result
+    }
+
+    /// Whether steps of an update are to come.
+    pub fn is_going(&self) -> bool {
+        self.going.is_some()
+    }
+
+    fn advanced(
+        &mut self,
+        gpu: &Gpu,
+        split: &Split,
+        play: Play,
+        progress: &mut Progress,
+    ) -> Result<Step> {
+        gpu.keep_groups(&self.groups);
+        let result = self.advance(gpu, split, play, progress);
+        gpu.keep_groups(&Groups::default());
         if result.is_err() {
-            (self.fresh, self.pending) = (true, true);
+            (self.fresh, self.pending, self.going) = (true, true, None);
+        }
+        if !matches!(result, Ok(Step::Pending)) {
+            gpu.enter(ELSEWHERE);
         }
         result
     }
 
-    /// The frame, one line a stage.
-    fn frame(&mut self, gpu: &Gpu, split: &Split, progress: &mut Progress) -> Result<Updated> {
-        let is_rebuild = self.begin(gpu, split)?;
-        let mut done = self.nothing_done();
-        if self.pending {
-            gpu.enter(PHOTONS);
-            let found = self.find_photons(gpu, split)?;
-            done.listed = found.listed;
-            let is_done = self.trace_photons(gpu, &found, split, progress)?;
-            if !is_done || progress.stops("light field") {
-                return Ok(done);
+    /// The frame, one line a stage: each is recorded when all before it is submitted.
+    fn advance(
+        &mut self,
+        gpu: &Gpu,
+        split: &Split,
+        play: Play,
+        progress: &mut Progress,
+    ) -> Result<Step> {
+        let mut going = match self.going.take() {
+            Some(going) => going,
+            None => self.begin(gpu, split)?,
+        };
+        loop {
+            going.tell_part(progress);
+            if !gpu.play(play, progress)? {
+                self.going = Some(going);
+                return Ok(Step::Pending);
             }
-            gpu.enter(LIGHT_FIELD);
-            done.points = self.build_field(gpu, split, progress)?;
-            if progress.stops("segments") {
-                return Ok(done);
+            if going.stops(progress) {
+                return Ok(Step::Done(going.done));
             }
-            gpu.enter(SEGMENTS);
-            let computed = self.compute_segments(gpu, split, progress)?;
-            self.end(gpu, &mut done, computed)?;
-            gpu.enter(ELSEWHERE);
-        } else {
-            done.counts = self.counts(gpu)?;
+            going.tell_part(progress);
+            going.next = match std::mem::replace(&mut going.next, Next::Survey) {
+                Next::Photons(at) => self.work_on_photons(gpu, &going, at, progress)?,
+                Next::Survey => self.survey_field(gpu, &going, split)?,
+                Next::Build(reading) => match answered(gpu, reading, play)? {
+                    Answer::Waiting(reading) => {
+                        going.next = Next::Build(Some(reading));
+                        self.going = Some(going);
+                        return Ok(Step::Pending);
+                    }
+                    Answer::Words(words) => {
+                        self.build_field(gpu, &mut going, split, &words, progress)?
+                    }
+                },
+                Next::Look => self.look(gpu)?,
+                Next::Segments(at) => self.compute_segments(gpu, &going, at, split, progress)?,
+                Next::Count => self.ask_for_counts(gpu)?,
+                Next::End(reading) => match answered(gpu, Some(reading), play)? {
+                    Answer::Waiting(reading) => {
+                        going.next = Next::End(reading);
+                        self.going = Some(going);
+                        return Ok(Step::Pending);
+                    }
+                    Answer::Words(words) => match self.end(gpu, &mut going, &words)? {
+                        None => return Ok(Step::Done(going.done)),
+                        Some(next) => next,
+                    },
+                },
+            };
         }
-        done.finished = true;
-        if is_rebuild {
-            (done.counts.invalid, done.counts.changed) = (done.photons, done.photons);
-        }
-        Ok(done)
     }
 
     fn nothing_done(&self) -> Updated {
@@ -272,9 +407,10 @@ impl PhotonFrame {
         }
     }
 
-    /// Has memory and kernels that suit the scene. Returns whether everything is to be computed.
-    fn begin(&mut self, gpu: &Gpu, split: &Split) -> Result<bool> {
-        gpu.restart_phases();
+    /// Has memory and kernels that suit the scene, and lists the photons that are to be traced or
+    /// weighed again.
+    fn begin(&mut self, gpu: &Gpu, split: &Split) -> Result<Going> {
+        gpu.restart_phases()?;
         self.make_missing(gpu, split)?;
         let is_rebuild = self.pending && self.fresh;
         if is_rebuild {
@@ -286,117 +422,195 @@ impl PhotonFrame {
             self.segments.respecialise(gpu, &self.scene, &*self.field)?;
             self.restart();
         }
-        Ok(is_rebuild)
+        let mut parts = Vec::new();
+        let mut next = Next::Count;
+        if self.pending {
+            gpu.enter(PHOTONS);
+            self.find_photons(gpu, split)?;
+            for batch in (0..self.map.batches.len()).filter(|&i| self.map.batches[i].is_listed) {
+                if is_rebuild {
+                    let listed = 0..self.map.batches[batch].photons;
+                    parts.push(Part { batch, listed });
+                } else {
+                    parts.extend(self.map.parts(batch));
+                }
+            }
+            next = if parts.is_empty() { Next::Survey } else { Next::Photons(0) };
+        }
+        let rays = self.segments.rays();
+        Ok(Going { next, is_rebuild, parts, rays, done: self.nothing_done() })
     }
 
     /// Lists the photons that are to be traced or weighed again.
-    fn find_photons(&mut self, gpu: &Gpu, split: &Split) -> Result<Found> {
+    fn find_photons(&mut self, gpu: &Gpu, split: &Split) -> Result<()> {
         let cx = Context { gpu, scene: &self.scene, counters: &self.counters };
-        let scatters = self.query.changes.iter().any(|c| c & CHANGE_SCATTERING != 0);
         let is_blind = self.query.changes.iter().all(|c| c & !CHANGE_EMISSION == 0);
-        let mut asked = Vec::new();
+        let mut stage = gpu.stage("photon_query");
+        self.counters.unchoose(&mut stage, &[Choice::Invalid]);
+        stage.finish()?;
         for i in 0..self.map.batches.len() {
             let batch = &mut self.map.batches[i];
-            asked.push(!self.fresh && (!is_blind || batch.relit || batch.stale));
+            batch.is_listed = self.fresh || !is_blind || batch.relit || batch.stale;
             if self.fresh {
                 batch.list_all(gpu, split.shuffle)?;
-            } else if asked[i] {
-                batch.any_altered |= scatters;
+            } else if batch.is_listed {
+                batch.stale = true;
                 self.map.list(cx, i, self.query.risen, self.field.follows())?;
-            } else {
-                batch.list.count = 0;
+                self.map.batches[i].list.shuffle(gpu, split.shuffle)?;
             }
         }
-        let batches = self.map.batches.iter_mut().zip(asked).filter(|(_, is)| *is);
-        let mut lists = batches.map(|(batch, _)| &mut batch.list).collect::<Vec<_>>();
-        let mut any_invalid = false;
-        if !lists.is_empty() {
-            any_invalid = self.counters.read_with(gpu, &mut lists)?.invalid > 0;
-            lists.iter().try_for_each(|list| list.shuffle(gpu, split.shuffle))?;
-        }
-        let listed = self.map.batches.iter().map(|batch| u64::from(batch.list.count)).sum();
-        Ok(Found { listed, any_invalid })
+        let request = request(&self.query, self.fresh, &self.source, split);
+        self.field.begin(cx, &self.map, &request)
     }
 
-    /// Traces and weighs the photons that were found, part by part, and tells the light field.
-    /// Returns false where it was abandoned.
-    fn trace_photons(
+    /// Traces and weighs the photons of a part, and tells the light field.
+    fn work_on_photons(
         &mut self,
         gpu: &Gpu,
-        found: &Found,
-        split: &Split,
+        going: &Going,
+        at: usize,
         progress: &mut Progress,
-    ) -> Result<bool> {
+    ) -> Result<Next> {
         let cx = Context { gpu, scene: &self.scene, counters: &self.counters };
-        let follows = self.field.follows();
-        self.field.begin(&request(&self.query, self.fresh, &self.source, split), found.listed);
-        for i in 0..self.map.batches.len() {
-            self.map.batches[i].stale |= self.map.batches[i].list.count > 0;
-            if self.fresh {
-                if progress.stops("photons") {
-                    return Ok(false);
-                }
-                self.map.trace_all(cx, i, progress)?;
-                continue;
-            }
-            for part in self.map.parts(i) {
-                if progress.stops("photons") {
-                    return Ok(false);
-                }
-                let is_path_kept = !found.any_invalid && !self.map.batches[i].relit;
-                let mut change = Change::Weighed;
-                if !is_path_kept || !self.map.weigh(cx, &part, follows, progress)? {
-                    change = Change::Traced;
-                    self.map.keep(gpu, &part)?;
-                    self.map.trace(cx, &part, progress)?;
-                    self.map.compare(cx, &part, follows)?;
-                }
-                self.field.take(cx, &mut self.map, &part, change, progress)?;
-            }
+        let part = &going.parts[at];
+        if going.is_rebuild {
+            self.map.trace_all(cx, part.batch, progress)?;
+        } else {
+            self.map.work_on(cx, part, self.field.follows(), progress)?;
+            self.field.take(cx, &self.map, part, progress)?;
         }
-        Ok(true)
+        Ok(if at + 1 < going.parts.len() { Next::Photons(at + 1) } else { Next::Survey })
     }
 
-    /// Brings the light field up to date, and marks where light changed. Returns how many
-    /// points changed.
-    fn build_field(&mut self, gpu: &Gpu, split: &Split, progress: &mut Progress) -> Result<u64> {
+    /// Asks what the light field needs to know.
+    fn survey_field(&mut self, gpu: &Gpu, going: &Going, split: &Split) -> Result<Next> {
+        gpu.enter(LIGHT_FIELD);
         let cx = Context { gpu, scene: &self.scene, counters: &self.counters };
-        let request = request(&self.query, self.fresh, &self.source, split);
-        self.field.build(cx, &mut self.map, &request, &self.dirty, progress)
+        let request = request(&self.query, going.is_rebuild, &self.source, split);
+        let words = self.field.survey(cx, &self.map, &request)?;
+        let reading = if words.is_empty() { None } else { Some(gpu.ask("light field", &words)?) };
+        Ok(Next::Build(reading))
     }
 
-    /// Computes the segments that read what changed or see light that did, and the image.
+    /// Brings the light field up to date, and marks where light changed.
+    fn build_field(
+        &mut self,
+        gpu: &Gpu,
+        going: &mut Going,
+        split: &Split,
+        learned: &[u32],
+        progress: &mut Progress,
+    ) -> Result<Next> {
+        let cx = Context { gpu, scene: &self.scene, counters: &self.counters };
+        let request = request(&self.query, going.is_rebuild, &self.source, split);
+        going.done.points =
+            self.field.build(cx, &mut self.map, &request, &self.dirty, learned, progress)?;
+        Ok(Next::Look)
+    }
+
+    /// Prepares the test of the segments.
+    fn look(&mut self, gpu: &Gpu) -> Result<Next> {
+        gpu.enter(SEGMENTS);
+        self.dirty.project(gpu, &self.scene)?;
+        // Where the driver ends loops of segments, they are computed again and all else is not.
+        self.counters.save(gpu)?;
+        let cx = Context { gpu, scene: &self.scene, counters: &self.counters };
+        self.segments.begin(cx)?;
+        Ok(Next::Segments(0))
+    }
+
+    /// Computes the segments of a ray of a band that read what changed or see light that did, and
+    /// their pixels.
     fn compute_segments(
         &mut self,
         gpu: &Gpu,
+        going: &Going,
+        at: usize,
         split: &Split,
         progress: &mut Progress,
-    ) -> Result<Computed> {
+    ) -> Result<Next> {
         let columns = match self.source.settings.spatial {
             // Without a spatial test a segment stands for the photons of its own values, too.
             Spatial::Off => u32::MAX,
             _ => self.field.columns_read(),
         };
-        self.dirty.project(gpu, &self.scene)?;
         let cx = Context { gpu, scene: &self.scene, counters: &self.counters };
         let from = Sources { field: &*self.field, dirty: &self.dirty };
         let query = self.query.mask(columns, &self.scene.bins);
-        self.segments.update(cx, from, query, split, progress)
+        let request = segment::Request { from, query, split };
+        self.segments.compute(cx, going.rays[at], request, progress)?;
+        Ok(if at + 1 < going.rays.len() { Next::Segments(at + 1) } else { Next::Count })
     }
 
-    /// All is as the scene has it: nothing remains noted.
-    fn end(&mut self, gpu: &Gpu, done: &mut Updated, computed: Computed) -> Result<()> {
-        done.recomputed = computed.segments;
-        done.corrected = computed.corrected;
-        done.segments = computed.total;
-        done.counts = computed.counts;
-        done.points_built = self.field.points_built(&done.counts);
-        done.counts.all_fitted()?;
-        self.query = Query::default();
-        self.field.all_seen();
-        self.map.batches.iter_mut().for_each(|b| (b.relit, b.stale) = (false, false));
-        (self.fresh, self.pending) = (false, false);
-        self.dirty.clear(gpu)
+    /// Asks what was counted, and how many items each list has.
+    fn ask_for_counts(&self, gpu: &Gpu) -> Result<Next> {
+        let batches = self.map.batches.iter().map(|batch| Words::first(&batch.list.items));
+        let words = [self.counters.words(), self.segments.listed()].into_iter().chain(batches);
+        Ok(Next::End(gpu.ask("counters", &words.collect::<Vec<_>>())?))
+    }
+
+    /// All is as the scene has it, and nothing remains noted; or some of it is to be done again with
+    /// shorter loops.
+    fn end(&mut self, gpu: &Gpu, going: &mut Going, words: &[u32]) -> Result<Option<Next>> {
+        let (counts, words) = words.split_at(COUNTER_WORDS);
+        let (segments, batches) = words.split_at(self.segments.listed().range.end as usize);
+        let done = &mut going.done;
+        done.counts = Counters::of(counts);
+        if self.pending {
+            if let Some(next) = self.done_again(gpu, &done.counts, going.is_rebuild)? {
+                return match next {
+                    // From nothing, however it began.
+                    Next::Photons(_) => {
+                        *going = self.begin(gpu, &Split::default())?;
+                        Ok(Some(std::mem::replace(&mut going.next, Next::Count)))
+                    }
+                    next => Ok(Some(next)),
+                };
+            }
+            done.counts.all_fitted()?;
+            let lists = self.map.batches.iter().zip(batches).filter(|(batch, _)| batch.is_listed);
+            done.listed = lists.map(|(_, &listed)| u64::from(listed)).sum();
+            let computed = self.segments.end(segments);
+            done.recomputed = computed.segments;
+            done.corrected = computed.corrected;
+            done.segments = computed.total;
+            done.points_built = self.field.points_built(&done.counts);
+            self.query = Query::default();
+            self.field.all_seen();
+            self.map.batches.iter_mut().for_each(|b| (b.relit, b.stale) = (false, false));
+            (self.fresh, self.pending) = (false, false);
+            self.dirty.clear(gpu)?;
+        }
+        done.finished = true;
+        if going.is_rebuild {
+            (done.counts.invalid, done.counts.changed) = (done.photons, done.photons);
+        }
+        Ok(None)
+    }
+
+    /// What is to be done again, where the driver ended loops.
+    fn done_again(&mut self, gpu: &Gpu, counts: &Counters, is_rebuild: bool) -> Result<Option<Next>> {
+        let failed = |items, stage, remedy| Err(Counters::unfinished_error(items, stage, remedy));
+        if counts.unfinished > 0 {
+            if !self.map.slow_down() && is_rebuild {
+                let remedy = "lower `majorant` and the extinctions, or the volume's resolution";
+                return failed(counts.unfinished, "trace", remedy);
+            }
+            self.restart();
+            return Ok(Some(Next::Photons(0)));
+        }
+        if counts.unfinished_light > 0 {
+            return failed(counts.unfinished_light, self.field.name(), self.field.remedy());
+        }
+        if counts.unfinished_segments > 0 {
+            if !self.segments.slow_down(&*self.field) {
+                let remedy = "raise `segments`, or lower `radius`";
+                return failed(counts.unfinished_segments, "segment", remedy);
+            }
+            self.counters.restore(gpu)?;
+            return Ok(Some(Next::Look));
+        }
+        Ok(None)
     }
 
     /// What updates need beside slots and segments.
@@ -408,6 +622,44 @@ impl PhotonFrame {
             segments: self.segments.list_bytes() + self.dirty.bytes(),
         }
     }
+}
+
+impl Going {
+    /// Tells which part of a stage comes next.
+    fn tell_part(&self, progress: &mut Progress) {
+        let (part, of) = match self.next {
+            Next::Photons(at) => (at, self.parts.len()),
+            Next::Segments(at) => (at, self.rays.len()),
+            _ => (0, 1),
+        };
+        progress.set_part(part as u64, of as u64);
+    }
+
+    /// Whether it is abandoned before what comes next.
+    fn stops(&self, progress: &mut Progress) -> bool {
+        match self.next {
+            Next::Photons(_) => progress.stops("photons"),
+            Next::Survey => progress.stops("light field"),
+            Next::Look => progress.stops("segments"),
+            _ => false,
+        }
+    }
+}
+
+enum Answer {
+    Waiting(Reading),
+    Words(Vec<u32>),
+}
+
+/// What was asked for, if anything was; those that play until the end wait for it.
+fn answered(gpu: &Gpu, reading: Option<Reading>, play: Play) -> Result<Answer> {
+    let Some(reading) = reading else { return Ok(Answer::Words(Vec::new())) };
+    if play != Play::WithoutWaiting {
+        gpu.wait_for_answer(&reading)?;
+    } else if !gpu.is_answered(&reading)? {
+        return Ok(Answer::Waiting(reading));
+    }
+    gpu.taken(reading).map(Answer::Words)
 }
 
 fn request<'a>(

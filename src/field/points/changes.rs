@@ -14,10 +14,11 @@ use crate::device_scene::Context;
 use crate::error::Result;
 use crate::field::Run;
 use crate::field::dirty::Dirty;
-use crate::gpu::Gpu;
+use crate::gpu::queue::Total;
 use crate::gpu::run::Stage;
 use crate::gpu::scan::Scanner;
 use crate::gpu::work::WorkList;
+use crate::gpu::{Gpu, Progress};
 
 /// What differs from what the segments have seen.
 pub(super) enum Changes {
@@ -39,7 +40,7 @@ pub(super) struct Listed {
 }
 
 impl Listed {
-    pub(super) fn run(&self) -> Run<'_> {
+    pub(super) fn run(&self) -> Run {
         let Self { count, places, lights, buckets } = self;
         Bucketed { count: *count, places, lights, buckets }.run()
     }
@@ -53,14 +54,14 @@ pub(super) struct Moved {
     seen: Option<wgpu::Buffer>,
     /// The light of now; `None`: dark.
     now: Option<wgpu::Buffer>,
-    /// Those whose light did; `None`: all.
-    marked: Option<WorkList>,
+    /// Those whose light did, listed; `None`: all.
+    list: Option<WorkList>,
 }
 
 impl Moved {
-    /// All points of a part that went.
-    pub(super) fn gone(part: &Block) -> Self {
-        Self { now: None, ..Self::all(part) }
+    /// All points of a part that went, of which this light was seen.
+    pub(super) fn gone(part: &Block, seen: wgpu::Buffer) -> Self {
+        Self { seen: Some(seen), now: None, ..Self::all(part) }
     }
 
     /// All points of a part that came.
@@ -68,28 +69,27 @@ impl Moved {
         Self { seen: None, ..Self::all(part) }
     }
 
-    /// Those whose light is not what was `seen`, as marked.
-    pub(super) fn some(part: &Block, seen: wgpu::Buffer, marked: WorkList) -> Self {
-        Self { seen: Some(seen), marked: Some(marked), ..Self::all(part) }
+    /// Those whose light is not what was `seen`, as listed.
+    pub(super) fn some(part: &Block, seen: wgpu::Buffer, list: WorkList) -> Self {
+        Self { seen: Some(seen), list: Some(list), ..Self::all(part) }
     }
 
     fn all(part: &Block) -> Self {
         let [places, lights] = [&part.places, &part.lights].map(Clone::clone);
         let seen = Some(lights.clone());
-        Self { count: part.count, places, seen, now: Some(lights), marked: None }
+        Self { count: part.count, places, seen, now: Some(lights), list: None }
     }
 
-    /// How many are marked is to be learned yet.
     fn list(mut self, gpu: &Gpu) -> Result<Found> {
-        let stage = gpu.stage("list");
-        let list = match self.marked.take() {
-            Some(list) => list.record(stage).map(|()| list),
+        let list = match self.list.take() {
+            Some(list) => list,
             None => {
                 let mut list = WorkList::new(gpu, self.count)?;
-                list.fill(stage, None).map(|()| list)
+                list.fill(gpu.stage("list").once(), None)?;
+                list
             }
         };
-        list.map(|list| Found { points: self, list })
+        Ok(Found { points: self, list })
     }
 }
 
@@ -117,27 +117,33 @@ impl Points {
     /// them, and marks where it did. Returns how many they are.
     ///
     /// # Errors
-    /// The device failed, or ended the loops that mark what is around a point.
-    pub(super) fn compare(&mut self, cx: Context, dirty: &Dirty) -> Result<u64> {
-        let Context { gpu, counters, .. } = cx;
+    /// The device failed.
+    pub(super) fn compare(
+        &mut self,
+        cx: Context,
+        dirty: &Dirty,
+        progress: &mut Progress,
+    ) -> Result<u64> {
         let moved = std::mem::take(&mut self.moved).into_iter();
-        let mut listed = moved.map(|m| m.list(gpu)).collect::<Result<Vec<_>>>()?;
-        // A list of all knows its length.
-        let lists = listed.iter_mut().map(|found| &mut found.list).filter(|list| list.count == 0);
-        WorkList::learn(gpu, &mut lists.collect::<Vec<_>>())?;
-        self.mark_around(cx, dirty, &listed)?;
+        let listed = moved.map(|m| m.list(cx.gpu)).collect::<Result<Vec<_>>>()?;
+        self.mark_around(cx, dirty, &listed, progress)?;
         if matches!(self.changes, Changes::None) {
-            self.changes = self.found(gpu, &listed)?;
+            self.changes = self.found(cx.gpu, &listed)?;
         }
         if let Changes::Listed(taken) = &self.changes {
             self.built += u64::from(taken.count);
         }
-        counters.read(gpu)?.all_finished("points", "lower `radius`")?;
         Ok(count(&listed))
     }
 
     /// Marks the light around the listed points.
-    fn mark_around(&self, cx: Context, dirty: &Dirty, listed: &[Found]) -> Result<()> {
+    fn mark_around(
+        &self,
+        cx: Context,
+        dirty: &Dirty,
+        listed: &[Found],
+        progress: &mut Progress,
+    ) -> Result<()> {
         let items = count(listed);
         // Where most went and others came, they are everywhere.
         if items > 0 && dirty.is_far([0.0; 3]) || 2 * items > 3 * self.count() {
@@ -148,13 +154,14 @@ impl Points {
             bindings.push(("point_places", (&points.places).into()));
             bindings.push(("work", (&list.items).into()));
             bindings.push(("counters", cx.counters.buffer().into()));
-            let work = |stage: &mut Stage, range: Range<u64>| {
+            let (kernel, all) = (self.dirty.clone(), self.params(0));
+            let work = move |stage: &mut Stage, range: Range<u64>| {
                 let params =
-                    PointsParams { first: range.start as u32, ..self.params(range.end as u32) };
-                stage.dispatch(&self.dirty, range.end - range.start, &bindings, &params)
+                    PointsParams { first: range.start as u32, count: range.end as u32, ..all };
+                stage.dispatch(&kernel, range.end - range.start, &bindings, &params)
             };
-            let pace = &self.dirty_pace;
-            cx.gpu.sliced("points_dirty", list.count.into(), pace, work, &mut |_| ())?;
+            let total = Total::Known(list.count.into());
+            cx.gpu.sliced("points_dirty", total, &self.dirty_pace, work, progress)?;
         }
         Ok(())
     }
@@ -181,7 +188,7 @@ impl Points {
             buckets: self.buckets(gpu, lights)?,
         };
         taken.buckets.expect(lights);
-        let mut stage = gpu.stage("points_take");
+        let mut stage = gpu.stage("points_take").once();
         for found in listed {
             let Found { points, list } = found;
             let bindings = [
@@ -191,7 +198,7 @@ impl Points {
             ];
             let lights_each = found.lights_each();
             let params = PointsParams { lights_each, ..taken.buckets.with(list.count) };
-            stage.dispatch(&self.tally_listed, list.count.into(), &bindings, &params)?;
+            stage.dispatch(&self.tally, list.count.into(), &bindings, &params)?;
         }
         let begins = taken.buckets.params.buckets + 1;
         Scanner::new(gpu, begins)?.record(&mut stage, &taken.buckets.starts, begins)?;

@@ -18,19 +18,22 @@ use std::sync::Arc;
 
 use self::buckets::{Buckets, most_points};
 use self::changes::{Changes, Moved};
+use self::refresh::Survey;
 use self::table::{Block, Table};
 use super::dirty::Dirty;
-use super::{Change, LightField, Request, Run, SegmentLight};
+use super::{LightField, Request, Run, SegmentLight};
 use crate::bits::{CONTRIBUTION, words};
 use crate::device_scene::{Context, DeviceScene};
 use crate::error::{Error, Result};
 use crate::gpu::counter::Counters;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
-use crate::gpu::run::{Pace, Stage};
+use crate::gpu::pace::Pace;
+use crate::gpu::read::Words;
+use crate::gpu::run::Stage;
 use crate::gpu::{Gpu, Progress};
 use crate::history::{CHANGE_EMISSION, CHANGE_FALLEN, CHANGE_RISEN, CHANGE_SCATTERING};
-use crate::photon::{Follows, Part, PhotonMap};
+use crate::photon::{Follows, PhotonMap};
 use crate::scene::{Estimator, Settings, Weighting};
 use crate::split::Split;
 
@@ -137,8 +140,8 @@ pub struct Points {
     history: bool,
     /// Segments have not seen what an earlier build changed.
     unsettled: bool,
-    /// What was counted when a part of the photons was taken last.
-    marked: Counters,
+    /// Tables of which it is found out what becomes of their points.
+    surveys: Vec<Survey>,
     /// No points, where a kernel wants some that it will not look at.
     none: Block,
     mark: Arc<Kernel>,
@@ -152,8 +155,8 @@ pub struct Points {
     dirty: Arc<Kernel>,
     dirty_pace: Pace,
     take: Arc<Kernel>,
+    count: Arc<Kernel>,
     tally: Arc<Kernel>,
-    tally_listed: Arc<Kernel>,
     rows: Arc<Kernel>,
     arrange: Arc<Kernel>,
     origins: Arc<Kernel>,
@@ -219,7 +222,7 @@ impl Points {
             built: 0,
             history: settings.history,
             unsettled: false,
-            marked: Counters::default(),
+            surveys: Vec::new(),
             mark: gpu.kernel("points_mark", &[])?,
             keep: gpu.kernel("points_keep", &[])?,
             key: gpu.kernel("points_key", hashed)?,
@@ -229,25 +232,19 @@ impl Points {
             query: gpu.kernel("points_query", &[])?,
             record: record_kernel(gpu, scene, even)?,
             dirty: gpu.kernel("points_dirty", &[])?,
-            dirty_pace: Pace::new(1 << 14),
+            dirty_pace: Pace::new(gpu, 1 << 14),
             take: gpu.kernel("points_take", hashed)?,
             rows: gpu.kernel("points_rows", &[])?,
+            count: gpu.kernel("sort_count", &[])?,
             tally: gpu.kernel("points_count", hashed)?,
-            tally_listed: gpu.kernel("points_count", &[hashed, &["listed"]].concat())?,
             arrange: gpu.kernel("points_arrange", &[])?,
             origins: gpu.kernel("points_origins", if even { &["even"] } else { &[] })?,
         })
     }
 
-    /// Brings the points up to date: of batches that changed, or of all where the query has
-    /// what their light depends on.
-    fn refresh_all(
-        &mut self,
-        cx: Context,
-        map: &mut PhotonMap,
-        request: &Request,
-        progress: &mut Progress,
-    ) -> Result<()> {
+    /// Finds out what becomes of the points: of batches that may have changed, or of all where the
+    /// query has what their light depends on.
+    fn survey_all(&mut self, cx: Context, map: &PhotonMap, request: &Request) -> Result<()> {
         let (gpu, query) = (cx.gpu, request.query);
         self.elsewhere = 0;
         // Segments correct their sums by what one build changed, not by two.
@@ -263,18 +260,10 @@ impl Points {
             fit = fit.min(most_points(gpu.max_binding()));
         }
         let most = request.split.table_slots.unwrap_or(fit);
-        let tables = self.with_all(gpu, map, most)?;
-        let total = tables.len() as u64;
-        for (i, table) in tables.into_iter().enumerate() {
-            let now = match reach == Reach::All || !table.is_current(map) {
-                true => self.refreshed(cx, map, table, reach, request.split)?,
-                false => table,
-            };
-            self.tables.push(now);
-            progress.at("points", i as u64 + 1, total);
+        for table in self.with_all(gpu, map, most)? {
+            let survey = self.surveyed(cx, map, table, reach)?;
+            self.surveys.push(survey);
         }
-        map.batches.iter_mut().try_for_each(|batch| batch.unmark(gpu))?;
-        self.unsettled |= !self.moved.is_empty();
         Ok(())
     }
 
@@ -397,31 +386,22 @@ impl LightField for Points {
     }
 
     fn count_anew(&mut self) {
-        (self.built, self.marked) = (0, Counters::default());
+        self.built = 0;
     }
 
-    fn begin(&mut self, request: &Request, _listed: u64) {
+    fn begin(&mut self, _cx: Context, _map: &PhotonMap, request: &Request) -> Result<()> {
         if request.is_rebuild {
             self.tables.clear();
             self.moved.clear();
+            self.surveys.clear();
             self.unsettled = false;
         }
+        Ok(())
     }
 
-    fn take(
-        &mut self,
-        cx: Context,
-        map: &mut PhotonMap,
-        part: &Part,
-        _change: Change,
-        _progress: &mut Progress,
-    ) -> Result<()> {
-        let after = cx.counters.read(cx.gpu)?;
-        let batch = &mut map.batches[part.batch];
-        batch.any_moved |= after.moved > self.marked.moved;
-        batch.any_altered |= after.repowered > self.marked.repowered;
-        self.marked = after;
-        Ok(())
+    fn survey(&mut self, cx: Context, map: &PhotonMap, request: &Request) -> Result<Vec<Words>> {
+        self.survey_all(cx, map, request)?;
+        Ok(self.surveys.iter_mut().flat_map(Survey::lengths).collect())
     }
 
     fn build(
@@ -430,15 +410,26 @@ impl LightField for Points {
         map: &mut PhotonMap,
         request: &Request,
         dirty: &Dirty,
+        mut learned: &[u32],
         progress: &mut Progress,
     ) -> Result<u64> {
-        self.refresh_all(cx, map, request, progress)?;
+        for mut survey in std::mem::take(&mut self.surveys) {
+            learned = survey.learn(learned);
+            let table = self.refreshed(cx, map, survey, request.split)?;
+            self.tables.push(table);
+        }
+        map.batches.iter_mut().try_for_each(|batch| batch.unmark(cx.gpu))?;
+        self.unsettled |= !self.moved.is_empty();
         if request.is_rebuild || !request.asks_for_light {
             // Nobody asks what changed.
             self.moved.clear();
             return Ok(if request.is_rebuild { self.count() } else { 0 });
         }
-        self.compare(cx, dirty)
+        self.compare(cx, dirty, progress)
+    }
+
+    fn remedy(&self) -> &'static str {
+        "lower `radius`"
     }
 
     fn all_seen(&mut self) {
@@ -460,12 +451,12 @@ impl LightField for Points {
         flags.iter().filter(|(_, on)| *on).map(|(flag, _)| *flag).collect()
     }
 
-    fn runs(&self) -> Vec<Run<'_>> {
+    fn runs(&self) -> Vec<Run> {
         self.tables.iter().map(|table| table.run()).collect()
     }
 
     /// The points whose light changed, with old and new light.
-    fn changes(&self) -> Option<Vec<Run<'_>>> {
+    fn changes(&self) -> Option<Vec<Run>> {
         match &self.changes {
             Changes::None => Some(Vec::new()),
             Changes::Listed(listed) => Some(vec![listed.run()]),

@@ -1,14 +1,16 @@
 //! How an update brings the points of a table up to date: those that are where they were keep
 //! their order, and new ones join them in their buckets.
 
-use super::buckets::Buckets;
 use super::changes::Moved;
 use super::table::{Block, Member, Table};
 use super::{MEAN_BLOCK, Points, PointsParams, Reach};
 use crate::device_scene::Context;
 use crate::error::Result;
-use crate::gpu::run::{Bytes, Stage};
+use crate::gpu::read::Words;
+use crate::gpu::resource::Bytes;
+use crate::gpu::run::Stage;
 use crate::gpu::scan::Scanner;
+use crate::gpu::sort::CountParams;
 use crate::gpu::work::{WorkList, fill};
 use crate::gpu::{GROUP, Gpu};
 use crate::photon::{Batch, PhotonMap, SlotMarks};
@@ -31,69 +33,135 @@ impl Kept {
     }
 }
 
-/// Slots of a batch whose points are new to a table.
-struct Entering<'a> {
-    member: &'a Member,
-    batch: &'a Batch,
-    list: WorkList,
+/// What is known of a table before it is brought up to date. How many are listed is to be learned.
+pub(super) struct Survey {
+    table: Table,
+    /// Its slots that enter it, where any may.
+    entering: Option<WorkList>,
+    /// Its points that are where they were, where any may not be.
+    kept: Option<Kept>,
+    /// Those that stay, with the light that was seen.
+    staying: Option<Staying>,
 }
 
-fn count(entering: &[Entering]) -> u32 {
-    entering.iter().map(|of| of.list.count).sum()
+/// Points that stay.
+struct Staying {
+    /// The light that segments have seen of them.
+    seen: wgpu::Buffer,
+    /// Those of which it is another now.
+    changed: WorkList,
+}
+
+impl Survey {
+    fn lists(&mut self) -> impl Iterator<Item = &mut WorkList> {
+        let Self { entering, kept, staying, .. } = self;
+        let kept = kept.as_mut().map(|kept| &mut kept.list);
+        let changed = staying.as_mut().map(|staying| &mut staying.changed);
+        [entering.as_mut(), kept, changed].into_iter().flatten()
+    }
+
+    /// Where the device has how many are listed.
+    pub(super) fn lengths(&mut self) -> Vec<Words> {
+        self.lists().map(|list| list.length()).collect()
+    }
+
+    /// Learns that; returns what is not of this table.
+    pub(super) fn learn<'a>(&mut self, mut lengths: &'a [u32]) -> &'a [u32] {
+        for list in self.lists() {
+            if let Some((first, rest)) = lengths.split_first() {
+                (list.count, lengths) = (*first, rest);
+            }
+        }
+        lengths
+    }
 }
 
 impl Points {
-    /// The points of a table as they are now: those that are kept, with the light that they have
-    /// now, and the others; or all anew where that is cheaper.
+    /// Finds out what becomes of the points of a table: those that stay are given the light that they
+    /// have now.
+    pub(super) fn surveyed(
+        &self,
+        cx: Context,
+        map: &PhotonMap,
+        table: Table,
+        reach: Reach,
+    ) -> Result<Survey> {
+        let gpu = cx.gpu;
+        let is_asked = reach == Reach::All || !table.is_current(map);
+        let moves = table.members.iter().any(|member| member.moves(map));
+        let (mut entering, mut kept, mut staying) = (None, None, None);
+        if is_asked && moves {
+            entering = Some(self.entering(gpu, map, &table)?);
+        }
+        if is_asked && table.part.count > 0 {
+            if moves {
+                kept = Some(self.kept(gpu, map, &table)?);
+            }
+            let list = kept.as_ref().map(|kept| &kept.list);
+            staying = Some(self.refresh(cx, map, &table, list, reach)?);
+        }
+        Ok(Survey { table, entering, kept, staying })
+    }
+
+    /// The points of a table as they are now: those that are kept and the others; or all anew where
+    /// that is cheaper.
     pub(super) fn refreshed(
         &mut self,
         cx: Context,
         map: &PhotonMap,
-        mut table: Table,
-        reach: Reach,
+        survey: Survey,
         split: &Split,
     ) -> Result<Table> {
+        let Survey { mut table, entering, kept, staying } = survey;
         let gpu = cx.gpu;
-        if !table.members.iter().any(|member| member.moves(map)) {
-            let moved = self.refresh(cx, map, &table, None, reach)?;
-            self.moved.push(moved);
-            return Ok(table);
-        }
         let is_first = table.part.count == 0;
-        let mut entering = self.entering(gpu, map, &table.members)?;
-        let mut kept = self.kept(gpu, map, &table)?;
-        let lists = entering.iter_mut().map(|of| &mut of.list).chain([&mut kept.list]);
-        WorkList::learn(gpu, &mut lists.collect::<Vec<_>>())?;
-        let (new, stay) = (count(&entering), kept.list.count);
+        let (new, stay) = (
+            entering.as_ref().map_or(0, |list| list.count),
+            kept.as_ref().map_or(table.part.count, |kept| kept.list.count),
+        );
+        let stays_whole = new == 0 && stay == table.part.count;
         let is_anew = split.anew.unwrap_or(is_anew_cheaper(new, stay));
-        if !is_first && (is_anew || !table.buckets.have_room(new)) {
-            self.moved.push(Moved::gone(&table.part));
-            table = Table { members: table.members, ..self.empty(gpu)? };
-            table.members.iter_mut().for_each(|member| member.entered = false);
-            entering = self.entering(gpu, map, &table.members)?;
-            kept = Kept::none(gpu, 0)?;
-            let lists = entering.iter_mut().map(|of| &mut of.list);
-            WorkList::learn(gpu, &mut lists.collect::<Vec<_>>())?;
-        } else if !is_first {
-            let moved = self.refresh(cx, map, &table, Some(&kept.list), reach)?;
-            self.moved.push(moved);
+        let mut entering = entering;
+        let mut kept = kept;
+        match staying {
+            Some(Staying { seen, .. })
+                if !stays_whole && (is_anew || !table.buckets.have_room(new)) =>
+            {
+                self.moved.push(Moved::gone(&table.part, seen));
+                table = Table { members: table.members, ..self.empty(gpu)? };
+                table.members.iter_mut().for_each(|member| member.entered = false);
+                let mut all = self.entering(gpu, map, &table)?;
+                // Those that moved and those that did not.
+                all.count = new + stay;
+                (entering, kept) = (Some(all), None);
+            }
+            Some(Staying { seen, changed }) => {
+                self.moved.push(Moved::some(&table.part, seen, changed));
+            }
+            None => {}
         }
+        let Some(entering) = entering.filter(|_| is_first || !stays_whole) else {
+            table.members.retain(|member| member.batch(map).is_some());
+            return Ok(table);
+        };
         if table.part.count == 0 {
-            table.buckets = self.buckets(gpu, count(&entering))?;
+            table.buckets = self.buckets(gpu, entering.count)?;
         }
-        table.buckets.expect(count(&entering));
-        self.elsewhere += if is_first { 0 } else { u64::from(new) };
-        let new = self.entered(cx, &table.buckets, &entering)?;
-        self.moved.push(Moved::came(&new));
-        let part = self.merged(gpu, &table, &kept, &new)?;
-        self.built += u64::from(new.count) * if self.even { 2 } else { 1 };
+        table.buckets.expect(entering.count);
+        self.elsewhere += if is_first { 0 } else { u64::from(entering.count) };
+        let part = self.entered(cx, map, &table, &entering)?;
+        self.moved.push(Moved::came(&part));
+        let kept = kept.map_or_else(|| Kept::none(gpu, 0), Ok)?;
+        let new = part.count;
+        let part = self.merged(gpu, &table, &kept, &part)?;
+        self.built += u64::from(new) * if self.even { 2 } else { 1 };
         self.built += u64::from(part.count);
         table.members.retain(|member| member.batch(map).is_some());
         table.members.iter_mut().for_each(|member| member.entered = true);
         Ok(Table { part, ..table })
     }
 
-    /// Finds the points of a table that are where they were; how many is to be learned yet.
+    /// Finds the points of a table that are where they were.
     fn kept(&self, gpu: &Gpu, map: &PhotonMap, table: &Table) -> Result<Kept> {
         let count = table.part.count;
         let kept = Kept::none(gpu, count)?;
@@ -102,7 +170,7 @@ impl Points {
         if table.members.iter().any(|member| member.batch(map).is_none()) {
             fill(gpu, "points_keep", &marks, &[u32::MAX])?;
         }
-        let mut stage = gpu.stage("points_keep");
+        let mut stage = gpu.stage("points_keep").once();
         copy_marks(&mut stage, map, table, &marks);
         let bindings = [
             ("slot_marks", (&marks).into()),
@@ -116,60 +184,53 @@ impl Points {
         Ok(kept)
     }
 
-    /// Finds the slots of members that enter the table: those that moved, or all; how many is to
-    /// be learned yet.
-    fn entering<'a>(
-        &self,
-        gpu: &Gpu,
-        map: &'a PhotonMap,
-        members: &'a [Member],
-    ) -> Result<Vec<Entering<'a>>> {
-        let present = members.iter().filter_map(|m| Some((m, m.batch(map)?)));
-        let some = present.filter(|(member, _)| member.moves(map));
-        some.map(|(member, batch)| {
+    /// Lists the slots that enter a table: those that moved, or all, told as slots of the table.
+    fn entering(&self, gpu: &Gpu, map: &PhotonMap, table: &Table) -> Result<WorkList> {
+        let list = WorkList::new(gpu, table.slots())?;
+        let mut stage = gpu.stage("points_mark").once();
+        for (member, batch) in entering_members(map, table) {
             let slots = member.slots.len() as u32;
-            let list = WorkList::new(gpu, slots)?;
             let bindings = [
                 ("states", (&batch.states).into()),
                 ("slot_marks", (&batch.slot_marks).into()),
                 ("marks", (&list.marks).into()),
             ];
-            let params = PointsParams { all: (!member.entered).into(), ..self.params(slots) };
-            let mut stage = gpu.stage("points_mark");
+            let all = (!member.entered).into();
+            let params = member.within(PointsParams { all, ..self.params(slots) });
             stage.dispatch(&self.mark, slots.div_ceil(32).into(), &bindings, &params)?;
-            list.record(stage)?;
-            Ok(Entering { member, batch, list })
-        })
-        .collect()
+        }
+        list.record(stage)?;
+        Ok(list)
     }
 
     /// The points of the slots that enter, batch by batch.
-    fn entered(&self, cx: Context, buckets: &Buckets, entering: &[Entering]) -> Result<Block> {
+    fn entered(
+        &self,
+        cx: Context,
+        map: &PhotonMap,
+        table: &Table,
+        entering: &WorkList,
+    ) -> Result<Block> {
         let Context { gpu, scene, counters } = cx;
-        let all = count(entering);
+        let all = entering.count;
         let part = Block::new(gpu, all, self.has_histories())?;
         let none = &self.none;
         let mut bindings = [scene.bindings(), part.bindings()].concat();
         bindings.extend([
+            ("work", (&entering.items).into()),
             ("kept", (&none.lights).into()),
             ("changed", (&none.buckets).into()),
-            ("starts", (&buckets.starts).into()),
+            ("starts", (&table.buckets.starts).into()),
             ("counters", counters.buffer().into()),
         ]);
-        let mut first = 0;
-        let mut each = Vec::new();
-        for Entering { member, batch, list } in entering {
-            let params =
-                member.within(PointsParams { fresh: 1, first, ..buckets.with(list.count) });
-            let own = [
-                ("states", (&batch.states).into()),
-                ("places", (&batch.places).into()),
-                ("work", (&list.items).into()),
-            ];
-            each.push(([bindings.as_slice(), &own].concat(), params));
-            first += list.count;
-        }
-        let mut stage = gpu.stage("points_key");
+        let each = entering_members(map, table)
+            .map(|(member, batch)| {
+                let params = member.within(PointsParams { fresh: 1, ..table.buckets.with(all) });
+                let own = [("states", (&batch.states).into()), ("places", (&batch.places).into())];
+                ([bindings.as_slice(), &own].concat(), params)
+            })
+            .collect::<Vec<_>>();
+        let mut stage = gpu.stage("points_key").once();
         for (bindings, params) in &each {
             stage.dispatch(&self.key, params.count.into(), bindings, params)?;
         }
@@ -192,7 +253,7 @@ impl Points {
         table: &Table,
         kept: Option<&WorkList>,
         reach: Reach,
-    ) -> Result<Moved> {
+    ) -> Result<Staying> {
         let Context { gpu, scene, counters } = cx;
         let part = &table.part;
         let count = part.count;
@@ -205,13 +266,13 @@ impl Points {
             ("changed", (&changed.marks).into()),
             ("counters", counters.buffer().into()),
         ]);
-        let mut stage = gpu.stage("points_record");
+        let mut stage = gpu.stage("points_record").once();
         changed.unmark(&mut stage);
         stage.copy(Bytes::all(&part.lights), &seen, 0);
         if self.even && params.changed != [0, 0] {
             stage.dispatch(&self.mean, mean_threads(count), &bindings, &params)?;
         }
-        let alters = |member: &Member| member.batch(map).is_some_and(|batch| batch.any_altered);
+        let alters = |member: &Member| member.batch(map).is_some_and(|batch| batch.stale);
         if table.members.iter().any(alters) {
             let marks = slot_marks(gpu, table)?;
             copy_marks(&mut stage, map, table, &marks);
@@ -229,8 +290,8 @@ impl Points {
             let params = member.within(params);
             stage.dispatch(&self.record, count.div_ceil(32).into(), &own, &params)?;
         }
-        stage.finish()?;
-        Ok(Moved::some(part, seen, changed))
+        changed.record(stage)?;
+        Ok(Staying { seen, changed })
     }
 
     /// Points of a table that are kept and new ones; where buckets begin is found anew.
@@ -238,11 +299,10 @@ impl Points {
         let Table { part: before, buckets, .. } = table;
         let begins = buckets.params.buckets + 1;
         let added = gpu.buffer::<u32>("points added", begins as usize)?;
-        let mut stage = gpu.stage("points_merge");
+        let mut stage = gpu.stage("points_merge").once();
         stage.clear(&added);
-        let bindings = [("buckets", (&new.buckets).into()), ("starts", (&added).into())];
-        let params = PointsParams { lights_each: 1, ..buckets.with(new.count) };
-        stage.dispatch(&self.tally, params.count.into(), &bindings, &params)?;
+        let bindings = [("keys", (&new.buckets).into()), ("starts", (&added).into())];
+        stage.dispatch(&self.count, new.count.into(), &bindings, &CountParams { count: new.count })?;
         Scanner::new(gpu, begins)?.record(&mut stage, &added, begins)?;
         let part = Block::new(gpu, kept.list.count + new.count, self.has_histories())?;
         let kept = [
@@ -270,6 +330,15 @@ impl Points {
         stage.finish()?;
         Ok(part)
     }
+}
+
+/// Members of a table of which slots may enter it, with their batches.
+fn entering_members<'a>(
+    map: &'a PhotonMap,
+    table: &'a Table,
+) -> impl Iterator<Item = (&'a Member, &'a Batch)> {
+    let members = table.members.iter().filter(|member| member.moves(map));
+    members.filter_map(|member| Some((member, member.batch(map)?)))
 }
 
 /// Room for the slot marks of all members of a table.

@@ -7,7 +7,7 @@ use super::{Origin, PointsParams};
 use crate::error::Result;
 use crate::field::Run;
 use crate::gpu::Gpu;
-use crate::gpu::run::Bindings;
+use crate::gpu::resource::Bindings;
 use crate::photon::{Batch, PhotonMap};
 
 /// Points, and what updates need to know of them.
@@ -37,7 +37,7 @@ impl Block {
         })
     }
 
-    pub fn bindings(&self) -> Bindings<'_> {
+    pub fn bindings(&self) -> Bindings {
         vec![
             ("buckets", (&self.buckets).into()),
             ("point_places", (&self.places).into()),
@@ -48,7 +48,7 @@ impl Block {
     }
 
     /// As what there was, beside points that are bound by the other names.
-    pub fn seen(&self) -> Bindings<'_> {
+    pub fn seen(&self) -> Bindings {
         vec![
             ("seen_buckets", (&self.buckets).into()),
             ("seen_places", (&self.places).into()),
@@ -73,8 +73,8 @@ pub(super) struct Bucketed<'a> {
     pub buckets: &'a Buckets,
 }
 
-impl<'a> Bucketed<'a> {
-    pub fn run(self) -> Run<'a> {
+impl Bucketed<'_> {
+    pub fn run(self) -> Run {
         let bindings = vec![
             ("field", (&self.buckets.field).into()),
             ("point_places", self.places.into()),
@@ -119,9 +119,9 @@ impl Member {
         map.batches.iter().find(|batch| self.is(batch))
     }
 
-    /// Whether slots of it are to leave the table, or to enter it.
+    /// Whether slots of it may leave the table, or enter it.
     pub fn moves(&self, map: &PhotonMap) -> bool {
-        !self.entered || self.batch(map).is_none_or(|batch| batch.any_moved)
+        !self.entered || self.batch(map).is_none_or(|batch| batch.stale)
     }
 
     /// Where its slot marks begin among those of the table, bytes.
@@ -184,7 +184,7 @@ impl Table {
         self.members.last().map_or(0, |member| member.slots.end)
     }
 
-    pub fn run(&self) -> Run<'_> {
+    pub fn run(&self) -> Run {
         let Block { count, places, lights, .. } = &self.part;
         Bucketed { count: *count, places, lights, buckets: &self.buckets }.run()
     }

@@ -1,0 +1,94 @@
+//! Bind groups, kept for as long as their owner is there: a group holds the memory that it is of.
+
+use std::collections::HashMap;
+use std::num::NonZero;
+use std::sync::{Arc, Mutex, Weak};
+
+use super::kernel::Kernel;
+use super::queue::UNIFORM;
+use super::resource::{Bytes, Resource};
+use super::{Gpu, lock};
+use crate::error::Result;
+
+/// The bind groups of somebody, whose memory they hold.
+#[derive(Clone, Default)]
+pub struct Groups(Arc<Mutex<HashMap<Key, wgpu::BindGroup>>>);
+
+#[derive(PartialEq, Eq, Hash)]
+struct Key {
+    kernel: usize,
+    resources: Vec<(u32, Resource)>,
+}
+
+impl Groups {
+    /// Forgets them, and with them the memory that nobody else holds.
+    pub fn clear(&self) {
+        lock(&self.0).clear();
+    }
+}
+
+/// Whose groups are kept now.
+#[derive(Default)]
+pub(super) struct Keeper(Mutex<Weak<Mutex<HashMap<Key, wgpu::BindGroup>>>>);
+
+impl Keeper {
+    /// The group of a kernel that is given these.
+    pub fn get(
+        &self,
+        gpu: &Gpu,
+        kernel: &Kernel,
+        resources: Vec<(u32, Resource)>,
+        keeps: bool,
+    ) -> Result<wgpu::BindGroup> {
+        let Some(kept) = lock(&self.0).upgrade().filter(|_| keeps) else {
+            return Ok(gpu.bind(kernel, &resources));
+        };
+        let key = Key { kernel: kernel.id, resources };
+        if let Some(group) = lock(&kept).get(&key) {
+            return Ok(group.clone());
+        }
+        let group = gpu.bind(kernel, &key.resources);
+        gpu.check(kernel.name)?;
+        lock(&kept).insert(key, group.clone());
+        Ok(group)
+    }
+}
+
+impl Gpu {
+    /// From here on groups are kept there, for as long as it is there.
+    pub fn keep_groups(&self, groups: &Groups) {
+        *lock(&self.keeper.0) = Arc::downgrade(&groups.0);
+    }
+
+    fn bind(&self, kernel: &Kernel, resources: &[(u32, Resource)]) -> wgpu::BindGroup {
+        let of = |resource| match resource {
+            &Resource::Buffer(ref buffer) => buffer.as_entire_binding(),
+            &Resource::Bytes(Bytes { ref buffer, offset, size }) => {
+                let size = NonZero::new(size);
+                wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset, size })
+            }
+            Resource::Texture(view) => wgpu::BindingResource::TextureView(view),
+        };
+        let told = kernel.told.map(|binding| wgpu::BindGroupEntry {
+            binding,
+            resource: wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+                buffer: &self.uniforms,
+                offset: 0,
+                size: NonZero::new(UNIFORM as u64),
+            }),
+        });
+        let entries = resources
+            .iter()
+            .map(|(binding, resource)| wgpu::BindGroupEntry {
+                binding: *binding,
+                resource: of(resource),
+            })
+            .chain(told)
+            .collect::<Vec<_>>();
+        self.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some(kernel.name),
+            layout: &kernel.layout,
+            entries: &entries,
+        })
+    }
+}
