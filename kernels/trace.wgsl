@@ -2,8 +2,8 @@
 // flies all of it; an update resumes at its first slot that an edit touches. As long as a
 // photon begins its flights where its slots say, only invalid ones are flown again, and of
 // those only what an edit can have changed. A dispatch covers a window of events, so that no
-// thread runs for long; the next resumes after it. The first begins where each photon resumes, so
-// that no thread waits for its turn.
+// thread runs for long; the next resumes after it, with those photons alone that go on. The first begins
+// where each photon resumes, so that no thread waits for its turn.
 //
 // Photons continue from what their slots hold, packed, so that resumed and full traces
 // see the same numbers; both go through the same lines of this one pipeline.
@@ -14,7 +14,7 @@ import package::shared::counter::{
 import package::shared::flight::{Known, nothing_known, fly};
 import package::shared::item::item_index;
 import package::shared::photon::{
-    PhotonParams, Task, listed_of, pack_task, unpack_task, is_invalid, identify, weigh, turn
+    PhotonParams, Task, GOES_ON, listed_of, pack_task, unpack_task, is_invalid, identify, weigh, turn
 };
 import package::shared::light::emit;
 import package::shared::random::{draw, FOR_FLIGHT};
@@ -132,10 +132,11 @@ fn main(
         event++;
     }
     expect(over);
+    let is_cut = event >= stop && stop < params.max_events && slot.kind == INTERACTION;
     // Beyond a photon's end every slot is zero, so that equal photons are equal bits.
-    over = false;
+    over = is_cut;
     for (; !over; event++) {
-        over = event >= stop;
+        over = event >= params.max_events;
         if over { break; }
         let at = event * params.photons + photon;
         over = all(states[at] == vec4<u32>(0u));
@@ -143,7 +144,8 @@ fn main(
         states[at] = vec4<u32>(0u);
     }
     expect(over);
-    if astray < task.astray { tasks[photon] = pack_task(Task(task.touched, astray)); }
+    let next = pack_task(Task(task.touched, astray)) | select(0u, GOES_ON, is_cut);
+    if next != tasks[photon] { tasks[photon] = next; }
     count(TENTATIVE, tentative);
     count(STEPS, steps);
     count(INTERACTIONS, interactions);

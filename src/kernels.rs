@@ -67,6 +67,7 @@ const KERNELS: &[(&str, &[&str])] = &[
     ("sort_digits", &[]),
     ("sort_scatter", &[]),
     ("trace", &["nearest", "squares", "float_voxels", "anisotropic", "history", "skip"]),
+    ("going", &[]),
     ("layers", &[]),
     ("photon_query", &["points"]),
     ("turns", &[]),

@@ -65,8 +65,9 @@ fn an_abandoned_update_leaves_nothing_behind() {
             if let Some(fluence) = frame.field.fluence() {
                 let moved = frame.counts(gpu()).expect("reads").deposits > 0;
                 let anew = frame.is_chosen(gpu(), Choice::Anew).expect("reads");
-                half_moved +=
-                    u64::from(moved && fluence.is_current() && !anew && boundaries[at] == "photons");
+                half_moved += u64::from(
+                    moved && fluence.is_current() && !anew && boundaries[at] == "photons",
+                );
             }
             let mut second = if stays { first.clone() } else { home.clone() };
             second.materials[2].extinction = 0.7;

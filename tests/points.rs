@@ -192,3 +192,23 @@ fn a_point_or_a_bucket_elsewhere_is_seen() {
     other[0].places[0][3] ^= 1;
     assert_eq!(fault(&other, &expected, &grid), Some("other points"));
 }
+
+/// At paper size: 512 cells along each edge, of which most are empty, and about a million points.
+#[test]
+fn a_million_points_in_many_cells_lie_in_their_own() {
+    let (mut scene, volume) = world(Estimator::Points, Weighting::Plain, Filter::Linear);
+    let longest = volume.extent().max_element();
+    scene.settings.radius = Some(longest / 512.0);
+    scene.settings.photons = 1_100_000;
+    (scene.camera.width, scene.camera.height) = (6, 5);
+    let split = Split { salt: Some(0x5eed), ..Split::default() };
+    let [one, other] = [Split::default(), split].map(|split| frame(&scene, &volume, &split));
+    check(&one, "a million points");
+    let points = one.field.points().expect("points were asked for");
+    assert!(points.count() > 1_000_000, "{} points", points.count());
+    // Another hash has the same points, tests as many, and gives the same light.
+    check(&other, "another hash");
+    let tested = [&one, &other].map(|frame| frame.counts(gpu()).expect("reads").gathered);
+    assert!(tested[0] > 0 && tested[0] == tested[1], "{tested:?}");
+    assert_eq!(compare(gpu(), &one, &other).expect("reads").all(), 0);
+}

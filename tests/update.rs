@@ -45,7 +45,7 @@ fn random_edits_of_random_scenes_leave_what_a_rebuild_leaves() {
         let split = Split {
             batch_photons: Some(300),
             band_rows: Some(BAND_ROWS),
-            journal: Some(128),
+            journal: Some(200),
             table_slots: [None, Some(5000)][world as usize / 3 % 2],
             buckets: [None, Some(50)][world as usize / 6 % 2],
             salt: Some(world as u32),

@@ -50,6 +50,13 @@ fn pack_task(task: Task) -> u32 {
     return task.touched | (task.astray << 8u);
 }
 
+// Beside its task: that a window of events ended before the photon did.
+const GOES_ON: u32 = 0x10000u;
+
+fn goes_on(word: u32) -> bool {
+    return (word & GOES_ON) != 0u;
+}
+
 fn unpack_task(word: u32) -> Task {
     return Task(word & 0xffu, (word >> 8u) & 0xffu);
 }

@@ -30,12 +30,12 @@ struct Lookup {
     toward: vec3<f32>,
 }
 
-// Light that is too far counts as none, and is looked up all the same: not to would take longer.
 fn with_point(i: u32, q: Lookup, so_far: Gathered) -> Gathered {
-    let light = point_lights[i];
-    let away = bitcast<vec3<f32>>(point_places[i].xyz) - q.point;
-    let is_near = dot(away, away) < field.radius * field.radius;
-    let share = share_of(select(vec4<f32>(0.0), light, is_near), i, q);
+    let place = point_places[i];
+    let away = bitcast<vec3<f32>>(place.xyz) - q.point;
+    // Most points of the cells are too far: nothing else is read of them.
+    if dot(away, away) >= field.radius * field.radius { return so_far; }
+    let share = share_of(point_lights[i], place.w, q);
     return Gathered(sums_with(so_far.sums, share.value), so_far.clamped + share.clamped, so_far.tested);
 }
 
@@ -44,12 +44,10 @@ struct Share {
     clamped: u32,    // of its components
 }
 
-// What a point of this light and direction adds.
-fn share_of(light: vec4<f32>, i: u32, q: Lookup) -> Share {
+// What a point of this light and packed direction adds.
+fn share_of(light: vec4<f32>, direction: u32, q: Lookup) -> Share {
     var share = light.rgb * q.weight;
-    @if(anisotropic) {
-        share *= phase(light.a, dot(unpack_direction(point_places[i].w), q.toward));
-    }
+    @if(anisotropic) { share *= phase(light.a, dot(unpack_direction(direction), q.toward)); }
     let r = rounded_signed(share.r);
     let g = rounded_signed(share.g);
     let b = rounded_signed(share.b);

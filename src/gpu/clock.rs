@@ -199,8 +199,7 @@ impl Gpu {
     pub(super) fn harvest(&self) -> Result<()> {
         let (mut clock, budget) = (lock(&self.clock), self.slice_budget());
         let tick = f64::from(self.tick.unwrap_or(0.0)) * 1e-6;
-        let ready =
-            clock.unread.iter().take_while(|u| u.is_mapped.load(Ordering::Acquire)).count();
+        let ready = clock.unread.iter().take_while(|u| u.is_mapped.load(Ordering::Acquire)).count();
         for Unread { stamps, timed, .. } in clock.unread.drain(..ready).collect::<Vec<_>>() {
             let view = stamps.staging.get_mapped_range(..);
             let view = view.map_err(|e| Error::device("timestamps", e.to_string()))?;

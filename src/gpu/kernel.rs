@@ -12,7 +12,10 @@ use std::sync::{Arc, OnceLock};
 use include_dir::Dir;
 use wesl::syntax::{ModulePath, PathOrigin};
 use wesl::{CompileOptions, Feature, Features, ManglerKind, VirtualResolver, Wesl};
-use wgpu::naga::{self, AddressSpace, ImageClass, ImageDimension, ScalarKind, StorageAccess, StorageFormat, TypeInner};
+use wgpu::naga::{
+    self, AddressSpace, ImageClass, ImageDimension, ScalarKind, StorageAccess, StorageFormat,
+    TypeInner,
+};
 
 use super::{Gpu, lock};
 use crate::error::{Error, Result};

@@ -29,10 +29,10 @@ use std::time::Duration;
 use wgpu::util::DeviceExt;
 
 use crate::error::{Error, Result};
-use kernel::{Kernel, Library};
-pub use progress::Progress;
 use clock::Clock;
 use groups::Keeper;
+use kernel::{Kernel, Library};
+pub use progress::Progress;
 use queue::{Command, DISPATCHES, Player, UNIFORM};
 use turns::{ARGUMENT, ARGUMENTS};
 use ways::Ways;

@@ -36,8 +36,16 @@ const AHEAD: usize = 2;
 pub(super) enum Command {
     Dispatch(Dispatch),
     Clear(Bytes),
-    Copy { from: Bytes, to: wgpu::Buffer, at: u64 },
-    Read { staging: wgpu::Buffer, bytes: u64, answer: Arc<AtomicU8> },
+    Copy {
+        from: Bytes,
+        to: wgpu::Buffer,
+        at: u64,
+    },
+    Read {
+        staging: wgpu::Buffer,
+        bytes: u64,
+        answer: Arc<AtomicU8>,
+    },
     Work(Box<Work>),
     /// The end of a stage, where the host's clock has to do.
     End,
@@ -353,12 +361,7 @@ impl Gpu {
         played
     }
 
-    fn play_with(
-        &self,
-        player: &mut Player,
-        play: Play,
-        progress: &mut Progress,
-    ) -> Result<bool> {
+    fn play_with(&self, player: &mut Player, play: Play, progress: &mut Progress) -> Result<bool> {
         loop {
             let next = lock(&self.queued).pop_front();
             match next {

@@ -178,9 +178,8 @@ impl Gpu {
         let given = |name: &str| bindings.iter().find(|(given, _)| *given == name).map(|(_, r)| r);
         let mut resources = Vec::with_capacity(kernel.bindings.len());
         for (name, &binding) in &kernel.bindings {
-            let resource = given(name).ok_or_else(|| {
-                Error::device(kernel.name, format!("`{name}` was not bound"))
-            })?;
+            let resource = given(name)
+                .ok_or_else(|| Error::device(kernel.name, format!("`{name}` was not bound")))?;
             resources.push((binding, resource.clone()));
         }
         self.keeper.get(self, kernel, resources, keeps)

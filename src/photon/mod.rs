@@ -30,7 +30,7 @@ use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
 use crate::gpu::pace::Pace;
 use crate::gpu::queue::Total;
-use crate::gpu::resource::Bindings;
+use crate::gpu::resource::{Bindings, Bytes};
 use crate::gpu::run::Stage;
 use crate::gpu::turns::{Told, When};
 use crate::gpu::work::{WorkList, fill, fill_first};
@@ -284,6 +284,9 @@ pub struct PhotonMap {
     /// What is told of every batch; `risen` is that of the query that listed last.
     params: PhotonParams,
     trace: Arc<Kernel>,
+    /// Photons that go on after a window of events: of every other window.
+    going: [wgpu::Buffer; 2],
+    list_going: Arc<Kernel>,
     query: ByFollower,
     pace: Pace,
     /// Events that one dispatch traces: one where the driver ended the loops of more.
@@ -345,6 +348,8 @@ impl PhotonMap {
                 ..Default::default()
             },
             trace: gpu.kernel("trace", &scene.flags())?,
+            going: [gpu.buffer::<u32>("going", 1)?, gpu.buffer::<u32>("going", 1)?],
+            list_going: gpu.kernel("going", &[])?,
             query: ByFollower::new(gpu, "photon_query")?,
             pace: Pace::new(gpu, 1 << 14),
             events_at_once: EVENTS_AT_ONCE,
@@ -388,6 +393,11 @@ impl PhotonMap {
             self.batches.append(&mut own);
         }
         let largest = self.batches.iter().map(|b| b.photons).max().unwrap_or(0);
+        for going in &mut self.going {
+            if going.size() < 4 * (u64::from(largest) + 1) {
+                *going = gpu.buffer::<u32>("going", largest as usize + 1)?;
+            }
+        }
         self.journal.reserve(gpu, largest)
     }
 
@@ -440,30 +450,64 @@ impl PhotonMap {
         self.trace(cx, &Part { batch, listed }, total, progress)
     }
 
-    /// Traces the photons of a part, a window of events at a time.
+    /// Traces the photons of a part, a window of events at a time, each with those that go on after the
+    /// one before.
     fn trace(&self, cx: Context, part: &Part, total: Total, progress: &mut Progress) -> Result<()> {
         let batch = &self.batches[part.batch];
-        let mut bindings = [cx.scene.bindings(), batch.bindings()].concat();
-        bindings.push(("counters", cx.counters.buffer().into()));
-        let (kernel, window, events) = (self.trace.clone(), self.events_at_once, self.max_events);
-        let params = PhotonParams {
+        let mut params = PhotonParams {
             first_listed: part.listed.start,
             listed: part.listed.len() as u32,
             ..self.params(batch)
         };
-        let work = move |stage: &mut Stage, range: Range<u64>| {
-            for first_event in (0..events).step_by(window as usize) {
-                let items = range.end - range.start;
-                let params = PhotonParams {
-                    first_item: params.first_listed + range.start as u32,
-                    items: items as u32,
-                    first_event,
-                    stop_event: first_event + window,
-                    ..params
-                };
-                stage.dispatch(&kernel, items, &bindings, &params)?;
+        let mut total = total;
+        let mut work = &batch.list.items;
+        for (i, first_event) in
+            (0..self.max_events).step_by(self.events_at_once as usize).enumerate()
+        {
+            params.first_event = first_event;
+            params.stop_event = first_event + self.events_at_once;
+            self.trace_window(cx, batch, work, total.clone(), params, progress)?;
+            if params.stop_event >= self.max_events {
+                break;
             }
-            Ok(())
+            let next = &self.going[i % 2];
+            let mut stage = cx.gpu.stage("going");
+            stage.clear_bytes(Bytes { size: 4, ..Bytes::all(next) });
+            let bindings =
+                [("work", work.into()), ("tasks", (&batch.tasks).into()), ("going", next.into())];
+            match &total {
+                Total::Known(all) => stage.dispatch(&self.list_going, *all, &bindings, &params)?,
+                Total::Told(told) => {
+                    stage.dispatch_told(&self.list_going, told, &bindings, &params)?;
+                }
+            }
+            stage.finish()?;
+            total = Total::Told(Told::of(next, params.listed));
+            (params.first_listed, work) = (0, next);
+        }
+        Ok(())
+    }
+
+    fn trace_window(
+        &self,
+        cx: Context,
+        batch: &Batch,
+        work: &wgpu::Buffer,
+        total: Total,
+        all: PhotonParams,
+        progress: &mut Progress,
+    ) -> Result<()> {
+        let mut bindings = batch.bindings();
+        bindings.retain(|(name, _)| *name != "work");
+        bindings = [cx.scene.bindings(), bindings].concat();
+        bindings.push(("work", work.into()));
+        bindings.push(("counters", cx.counters.buffer().into()));
+        let kernel = self.trace.clone();
+        let work = move |stage: &mut Stage, range: Range<u64>| {
+            let items = range.end - range.start;
+            let first_item = all.first_listed + range.start as u32;
+            let params = PhotonParams { first_item, items: items as u32, ..all };
+            stage.dispatch(&kernel, items, &bindings, &params)
         };
         cx.gpu.sliced("trace", total, &self.pace, work, progress)
     }
@@ -492,7 +536,9 @@ impl PhotonMap {
 
     /// Bytes of tasks, work lists and marks of slots.
     pub fn list_bytes(&self) -> u64 {
-        self.batches.iter().map(|b| b.tasks.size() + b.list.bytes() + b.slot_marks.size()).sum()
+        let going = self.going.iter().map(wgpu::Buffer::size).sum::<u64>();
+        let of = |b: &Batch| b.tasks.size() + b.list.bytes() + b.slot_marks.size();
+        going + self.batches.iter().map(of).sum::<u64>()
     }
 }
 

@@ -3,7 +3,7 @@
 //!
 //! | part | bytes |
 //! |---|---|
-//! | photons | for each event of a photon a slot of 32 and marks of 1/4; for each photon 8 1/8 in lists |
+//! | photons | for each event of a photon a slot of 32 and marks of 1/4; for each photon 16 1/8 in lists |
 //! | journal | as many slots again, at most 2^21, and 13 for each photon of them |
 //! | fluence | 56 for each cell: three sums, two textures |
 //! | points | 44 for each slot if all hold a photon, 52 with histories; 8 for each cell, at most 32 MiB |
@@ -57,7 +57,7 @@ pub(super) fn needs(scene: &Scene, device: &DeviceScene, making: Making) -> Vec<
     if photons > 0 {
         let what = format!("{photons} photons of {events} events (`photons`, `max_events`)");
         let marks = slots.div_ceil(32) * size_of::<SlotMarks>() as u64;
-        let lists = 4 * photons + listed(photons);
+        let lists = 12 * photons + listed(photons);
         let bytes = slots * SLOT_BYTES + marks + lists;
         needs.push(Need { part: "photons", what, bytes, piece: events * SLOT_BYTES / 2 });
         let kept = photons.min((u64::from(JOURNAL_SLOTS) / events).max(1));

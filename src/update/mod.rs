@@ -589,7 +589,12 @@ impl PhotonFrame {
     }
 
     /// What is to be done again, where the driver ended loops.
-    fn done_again(&mut self, gpu: &Gpu, counts: &Counters, is_rebuild: bool) -> Result<Option<Next>> {
+    fn done_again(
+        &mut self,
+        gpu: &Gpu,
+        counts: &Counters,
+        is_rebuild: bool,
+    ) -> Result<Option<Next>> {
         let failed = |items, stage, remedy| Err(Counters::unfinished_error(items, stage, remedy));
         if counts.unfinished > 0 {
             if !self.map.slow_down() && is_rebuild {

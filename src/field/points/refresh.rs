@@ -302,7 +302,12 @@ impl Points {
         let mut stage = gpu.stage("points_merge").once();
         stage.clear(&added);
         let bindings = [("keys", (&new.buckets).into()), ("starts", (&added).into())];
-        stage.dispatch(&self.count, new.count.into(), &bindings, &CountParams { count: new.count })?;
+        stage.dispatch(
+            &self.count,
+            new.count.into(),
+            &bindings,
+            &CountParams { count: new.count },
+        )?;
         Scanner::new(gpu, begins)?.record(&mut stage, &added, begins)?;
         let part = Block::new(gpu, kept.list.count + new.count, self.has_histories())?;
         let kept = [

@@ -1,0 +1,152 @@
+//! Updates in steps, as a window makes them: they never wait for the device, may be abandoned or
+//! superseded after any, and leave what a rebuild leaves. And updates that are made at once: how often
+//! they wait.
+
+mod common;
+
+use std::time::Duration;
+
+use common::snapshot::{rebuild, snapshot};
+use common::world::world;
+use common::{gpu, path, settled};
+use photogram::device_scene::DeviceScene;
+use photogram::gpu::{AdapterChoice, Gpu, Progress};
+use photogram::scene::{Estimator, Filter, Scale, Scene, Weighting};
+use photogram::split::Split;
+use photogram::update::{PhotonFrame, Step, Updated};
+use photogram::volume::Volume;
+
+/// So short that all stages take many slices.
+const BUDGET: Duration = Duration::from_micros(20);
+
+const FIELDS: [Estimator; 2] = [Estimator::Fluence, Estimator::Points];
+
+fn own_gpu() -> Gpu {
+    photogram::open(&AdapterChoice::Best).expect("an adapter")
+}
+
+/// So many photons and pixels that stages are longer than a step.
+fn larger_world(estimator: Estimator) -> (Scene, Volume) {
+    let (mut scene, volume) = world(estimator, Weighting::Even, Filter::Linear);
+    scene.settings.photons = 10_000;
+    (scene.camera.width, scene.camera.height) = (60, 48);
+    (scene, volume)
+}
+
+/// A frame of which nothing is computed yet.
+fn begun(gpu: &Gpu, scene: &Scene, volume: &Volume) -> PhotonFrame {
+    let device = DeviceScene::new(gpu, scene, volume).expect("uploads");
+    PhotonFrame::new(gpu, scene, device, &Split::default()).expect("fits")
+}
+
+/// Goes on with an update, by at most so many steps; returns what it came to, if it did.
+fn stepped(gpu: &Gpu, frame: &mut PhotonFrame, most: usize) -> (Option<Updated>, usize) {
+    for step in 1..=most {
+        let progress = &mut Progress::silent();
+        let came = frame.step(gpu, &Split::default(), BUDGET, progress).expect("steps");
+        if let Step::Done(done) = came {
+            return (Some(done), step);
+        }
+        // As long as a window shows a picture.
+        std::thread::sleep(Duration::from_micros(500));
+    }
+    (None, most)
+}
+
+#[test]
+fn steps_never_wait_and_leave_what_a_rebuild_leaves() {
+    for estimator in FIELDS {
+        let own = own_gpu();
+        let (mut scene, volume) = larger_world(estimator);
+        let mut frame = begun(&own, &scene, &volume);
+        own.wait("test").expect("waits");
+        for round in 0..3 {
+            let before = own.effort();
+            let (done, steps) = stepped(&own, &mut frame, usize::MAX);
+            let effort = own.effort().since(before);
+            assert_eq!((effort.waits, effort.paced), (0, 0), "{estimator}");
+            // How long slices take is learned in the first round.
+            assert!(round == 0 || steps > 3, "{estimator}: {steps} steps");
+            let done = done.expect("it ended");
+            assert!(done.finished && done.recomputed > 0, "{estimator}: {done:?}");
+            let now = snapshot(&own, &frame).without_histories();
+            let fresh = rebuild(gpu(), &scene, &volume, &Split::default()).without_histories();
+            assert_eq!(now.difference(&fresh), None, "{estimator}, {round}");
+            scene.materials[round].extinction *= 0.7;
+            frame.edit(&own, &scene, &Split::default()).expect("applies");
+        }
+    }
+}
+
+#[test]
+fn an_edit_supersedes_an_update_after_any_step() {
+    for estimator in FIELDS {
+        let own = own_gpu();
+        let (home, volume) = larger_world(estimator);
+        let (mut first, mut second) = (home.clone(), home.clone());
+        first.materials[1].extinction *= 0.8;
+        first.lights[0].emitted *= 0.5;
+        second.materials[2].extinction = 0.7;
+        second.lights.swap(0, 1);
+        let mut frame = begun(&own, &home, &volume);
+        stepped(&own, &mut frame, usize::MAX);
+        let mut interrupted = 0;
+        for steps in 1.. {
+            let applied = |frame: &mut PhotonFrame, scene: &Scene| {
+                frame.edit(&own, scene, &Split::default()).expect("applies");
+            };
+            applied(&mut frame, &first);
+            let (done, _) = stepped(&own, &mut frame, steps * steps);
+            interrupted += usize::from(frame.is_going());
+            // The first edit stays, or is undone.
+            let last = if steps % 2 == 0 { &first } else { &second };
+            applied(&mut frame, last);
+            assert!(stepped(&own, &mut frame, usize::MAX).0.is_some_and(|done| done.finished));
+            let now = snapshot(&own, &frame).without_histories();
+            let fresh = rebuild(gpu(), last, &volume, &Split::default()).without_histories();
+            assert_eq!(now.difference(&fresh), None, "{estimator}, {steps} steps");
+            applied(&mut frame, &home);
+            stepped(&own, &mut frame, usize::MAX);
+            if done.is_some() {
+                break;
+            }
+        }
+        assert!(interrupted > 2, "{estimator}: interrupted {interrupted} times");
+    }
+}
+
+#[test]
+fn an_update_waits_once_or_twice() {
+    let own = own_gpu();
+    for name in ["cornell", "engine", "hand", "kidneys", "torso"] {
+        for estimator in FIELDS {
+            let mut scene =
+                Scene::load(path(&format!("data/scenes/{name}.toml"))).expect("the scene reads");
+            scene.scale(Scale::Small);
+            scene.settings.estimator = Some(estimator);
+            (scene.settings.photons, scene.settings.rays) = (20_000, 1);
+            (scene.camera.width, scene.camera.height) = (40, 30);
+            let edits = scene.edits.iter().map(|edit| edit.name.clone()).collect::<Vec<_>>();
+            assert!(!edits.is_empty(), "{name}");
+            let (mut scene, volume) = settled(scene);
+            let device = DeviceScene::new(&own, &scene, &volume).expect("uploads");
+            let split = &Split::default();
+            let mut frame = PhotonFrame::new(&own, &scene, device, split).expect("fits");
+            let silent = &mut Progress::silent();
+            let before = own.effort();
+            frame.rebuild(&own, split, silent).expect("rebuilds");
+            let most = if estimator == Estimator::Fluence { 1 } else { 2 };
+            let rebuilt = own.effort().since(before).waits;
+            assert!(rebuilt <= most, "{name}, {estimator}: a rebuild waits {rebuilt} times");
+            for edit in edits {
+                scene = scene.edited(&edit).expect("the edit applies");
+                let before = own.effort();
+                frame.edit(&own, &scene, split).expect("applies");
+                let done = frame.update(&own, split, silent).expect("updates");
+                let effort = own.effort().since(before);
+                assert!(done.recomputed > 0, "{name}, {edit}: {done:?}");
+                assert!(effort.waits <= most, "{name}, {estimator}, {edit}: {effort:?}");
+            }
+        }
+    }
+}
