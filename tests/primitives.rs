@@ -136,7 +136,7 @@ fn writes_wait_for_what_was_recorded_before() {
     let mut stage = gpu().stage("copy");
     stage.copy(Bytes::all(&from), &to, 0);
     stage.finish().expect("it records");
-    gpu().write(&from, &[2_u32; 64]);
+    gpu().write(&from, &[2_u32; 64]).expect("writes");
     assert_eq!(fetched(&to), [1; 64]);
     assert_eq!(fetched(&from), [2; 64]);
 }
@@ -193,6 +193,12 @@ fn sorted(keys: &[u32], below: u32, sort: Sort) -> Vec<(u32, u32)> {
     let [keys, order] = [&pairs.keys, &pairs.order]
         .map(|buffer| gpu().read::<u32>("sorted", buffer).expect("it reads"));
     keys.into_iter().zip(order).take(buffer.size() as usize / 4 - MARGIN).collect()
+}
+
+#[test]
+fn few_large_keys_are_not_counted() {
+    assert_eq!(Sort::fastest(1_000_000, 2_000_000), Sort::Counting);
+    assert_eq!(Sort::fastest(1_000_000, u32::MAX), Sort::Radix);
 }
 
 #[test]

@@ -448,10 +448,15 @@ impl Gpu {
     }
 
     /// Bytes that may still be taken, where that is known: of an adapter whose memory is the host's,
-    /// what the host has available but for a tenth, which others will want.
+    /// what the host has available but for a tenth, which others will want. What was promised and is
+    /// not used yet is not among it.
     pub fn free_bytes(&self) -> Option<u64> {
-        let is_host = [SOFTWARE, "integrated"].contains(&self.report.kind);
-        is_host.then(|| host_memory("MemAvailable:")).flatten().map(|free| free / 10 * 9)
+        if ![SOFTWARE, "integrated"].contains(&self.report.kind) {
+            return None;
+        }
+        let (free, host) = (host_memory("MemAvailable:")?, host_memory("MemTotal:")?);
+        let held = self.device.generate_allocator_report().map_or(0, |r| r.total_allocated_bytes);
+        Some((free / 10 * 9).min((host / 10 * 9).saturating_sub(held)))
     }
 
     /// Refuses what a software adapter would promise, and die of when it is used. Other adapters
@@ -460,24 +465,18 @@ impl Gpu {
         if self.report.kind != SOFTWARE || bytes <= 1 << 24 {
             return Ok(());
         }
-        let Some((free, host)) = self.free_bytes().zip(host_memory("MemTotal:")) else {
-            return Ok(());
-        };
-        // What is promised and not used yet counts as available, too.
-        let held = self.device.generate_allocator_report().map_or(0, |r| r.total_allocated_bytes);
-        let free = free.min((host / 10 * 9).saturating_sub(held));
-        if bytes <= free {
-            return Ok(());
+        match self.free_bytes() {
+            Some(free) if bytes > free => Err(Error::capacity(
+                stage,
+                format!(
+                    "{:.0} MiB of memory are needed, and this machine has {:.0} free; lower the \
+                     setting it depends on",
+                    bytes as f64 / MIB,
+                    free as f64 / MIB
+                ),
+            )),
+            _ => Ok(()),
         }
-        Err(Error::capacity(
-            stage,
-            format!(
-                "{:.0} MiB of memory are needed, and this machine has {:.0} free; lower the setting it \
-                 depends on",
-                bytes as f64 / MIB,
-                free as f64 / MIB
-            ),
-        ))
     }
 
     pub(crate) fn device(&self) -> &wgpu::Device {

@@ -117,8 +117,20 @@ pub enum Play {
     Encode,
     /// Until all is submitted: they wait for slices.
     Submit,
-    /// As far as the device has room: they never wait.
-    WithoutWaiting,
+    /// As far as the device has room, and at least one slice until it is so late: they never wait.
+    Until(Instant),
+}
+
+impl Play {
+    /// Whether whoever plays is to stop.
+    pub fn is_over(self) -> bool {
+        matches!(self, Self::Until(late) if Instant::now() >= late)
+    }
+
+    /// Whether those wait that play.
+    pub fn waits(self) -> bool {
+        !matches!(self, Self::Until(_))
+    }
 }
 
 /// A slice that was submitted.
@@ -285,7 +297,7 @@ impl Player {
                 self.in_flight.pop_front();
             } else if self.in_flight.len() < AHEAD {
                 break;
-            } else if play != Play::WithoutWaiting {
+            } else if play.waits() {
                 gpu.wait_for(Some(first.submission.clone()), "slice")?;
                 lock(&gpu.clock).effort.paced += 1;
                 self.in_flight.pop_front();
@@ -362,15 +374,18 @@ impl Gpu {
     }
 
     fn play_with(&self, player: &mut Player, play: Play, progress: &mut Progress) -> Result<bool> {
+        let mut has_played = false;
         loop {
             let next = lock(&self.queued).pop_front();
             match next {
                 None => break,
                 Some(Command::Work(mut work)) => {
-                    if !player.has_room(self, play)? {
+                    if has_played && play.is_over() || !player.has_room(self, play)? {
                         lock(&self.queued).push_front(Command::Work(work));
+                        player.submit(self);
                         return Ok(false);
                     }
+                    has_played = true;
                     let (name, bound) = (work.name, work.total.bound());
                     let is_more = player.turn(self, &mut work)?;
                     progress.at(name, work.done, bound);

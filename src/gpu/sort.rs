@@ -60,7 +60,7 @@ impl Sort {
 
 /// The bound of keys, over how many there are, up to which counting is faster (`cargo bench --bench
 /// sort`).
-const MOST_BELOW: u64 = 16;
+const MOST_BELOW: u64 = 8;
 
 /// Sorts up to a fixed number of keys.
 pub struct Sorter {

@@ -23,6 +23,7 @@ pub struct Cost {
     /// Wall-clock time, ms.
     pub total: f64,
     /// What the host did for it.
+    #[serde(flatten)]
     pub effort: Effort,
     /// The stages' times, summed by phase.
     #[serde(skip)]

@@ -14,12 +14,14 @@
 mod anew;
 mod edit;
 mod memory;
+mod outlook;
 mod warm;
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use self::anew::Parts;
 use self::memory::Making;
+use self::outlook::{Took, Watch};
 use crate::device_scene::{Context, DeviceScene};
 use crate::error::Result;
 use crate::field::dirty::Dirty;
@@ -36,6 +38,7 @@ use crate::segment::{self, BandRay, SegmentMap, Sources};
 use crate::split::Split;
 
 pub use anew::Anew;
+pub use outlook::Outlook;
 pub use warm::warm;
 
 /// What an edit can reach.
@@ -157,6 +160,8 @@ pub struct PhotonFrame {
     missing: Parts,
     /// An update that is under way.
     going: Option<Going>,
+    /// What the last update took, and the last rebuild.
+    took: [Option<Took>; 2],
     /// What kernels are given, for as long as it is there.
     groups: Groups,
 }
@@ -169,6 +174,9 @@ struct Going {
     parts: Vec<Part>,
     rays: Vec<BandRay>,
     done: Updated,
+    watch: Watch,
+    /// A stage was recorded in this step.
+    has_moved: bool,
 }
 
 /// What an update does next.
@@ -221,6 +229,7 @@ impl PhotonFrame {
             fresh: true,
             missing: Parts::default(),
             going: None,
+            took: [None; 2],
             groups: Groups::default(),
             scene: device,
             field,
@@ -301,8 +310,8 @@ impl PhotonFrame {
         }
     }
 
-    /// Goes on with an update, or begins one, as far as the device has room for slices that take about
-    /// `budget` each; never waits for it. A window calls this once a frame.
+    /// Goes on with an update, or begins one, for about `budget`, and as far as the device has room for
+    /// slices that take as long each; never waits for it. A window calls this once a frame.
     ///
     /// # Errors
     /// As [`Self::update`].
@@ -316,7 +325,7 @@ impl PhotonFrame {
         let before = gpu.slice_budget();
         gpu.set_slice_budget(budget);
         gpu.set_stepped(true);
-        let result = self.advanced(gpu, split, Play::WithoutWaiting, progress);
+        let result = self.advanced(gpu, split, Play::Until(Instant::now() + budget), progress);
         gpu.set_stepped(false);
         gpu.set_slice_budget(before);
         result
@@ -325,6 +334,12 @@ impl PhotonFrame {
     /// Whether steps of an update are to come.
     pub fn is_going(&self) -> bool {
         self.going.is_some()
+    }
+
+    /// How far an update is that is under way.
+    pub fn outlook(&self) -> Option<Outlook> {
+        let going = self.going.as_ref()?;
+        Some(going.watch.outlook(going.share(), self.took[usize::from(going.is_rebuild)].as_ref()))
     }
 
     fn advanced(
@@ -360,14 +375,20 @@ impl PhotonFrame {
         };
         loop {
             going.tell_part(progress);
-            if !gpu.play(play, progress)? {
+            let is_played = gpu.play(play, progress)?;
+            if !is_played || play.is_over() && going.has_moved {
+                going.has_moved = false;
                 self.going = Some(going);
                 return Ok(Step::Pending);
             }
             if going.stops(progress) {
                 return Ok(Step::Done(going.done));
             }
+            if matches!(going.next, Next::Survey | Next::Look | Next::Count) {
+                going.watch.end_stage();
+            }
             going.tell_part(progress);
+            going.has_moved = true;
             going.next = match std::mem::replace(&mut going.next, Next::Survey) {
                 Next::Photons(at) => self.work_on_photons(gpu, &going, at, progress)?,
                 Next::Survey => self.survey_field(gpu, &going, split)?,
@@ -438,7 +459,8 @@ impl PhotonFrame {
             next = if parts.is_empty() { Next::Survey } else { Next::Photons(0) };
         }
         let rays = self.segments.rays();
-        Ok(Going { next, is_rebuild, parts, rays, done: self.nothing_done() })
+        let (done, watch) = (self.nothing_done(), Watch::begin());
+        Ok(Going { next, is_rebuild, parts, rays, done, watch, has_moved: false })
     }
 
     /// Lists the photons that are to be traced or weighed again.
@@ -579,6 +601,7 @@ impl PhotonFrame {
             self.field.all_seen();
             self.map.batches.iter_mut().for_each(|b| (b.relit, b.stale) = (false, false));
             (self.fresh, self.pending) = (false, false);
+            self.took[usize::from(going.is_rebuild)] = Some(going.watch.took());
             self.dirty.clear(gpu)?;
         }
         done.finished = true;
@@ -630,14 +653,29 @@ impl PhotonFrame {
 }
 
 impl Going {
-    /// Tells which part of a stage comes next.
-    fn tell_part(&self, progress: &mut Progress) {
+    /// Which part of a stage comes next, of how many.
+    fn part(&self) -> [u64; 2] {
         let (part, of) = match self.next {
             Next::Photons(at) => (at, self.parts.len()),
             Next::Segments(at) => (at, self.rays.len()),
             _ => (0, 1),
         };
-        progress.set_part(part as u64, of as u64);
+        [part as u64, of as u64]
+    }
+
+    /// The share of a stage that is done.
+    fn share(&self) -> f64 {
+        let [part, of] = self.part();
+        match self.next {
+            Next::Survey | Next::Look | Next::Count | Next::End(_) => 1.0,
+            _ => part as f64 / of as f64,
+        }
+    }
+
+    /// Tells the part.
+    fn tell_part(&self, progress: &mut Progress) {
+        let [part, of] = self.part();
+        progress.set_part(part, of);
     }
 
     /// Whether it is abandoned before what comes next.
@@ -659,7 +697,7 @@ enum Answer {
 /// What was asked for, if anything was; those that play until the end wait for it.
 fn answered(gpu: &Gpu, reading: Option<Reading>, play: Play) -> Result<Answer> {
     let Some(reading) = reading else { return Ok(Answer::Words(Vec::new())) };
-    if play != Play::WithoutWaiting {
+    if play.waits() {
         gpu.wait_for_answer(&reading)?;
     } else if !gpu.is_answered(&reading)? {
         return Ok(Answer::Waiting(reading));
