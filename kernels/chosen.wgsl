@@ -24,7 +24,7 @@ fn main(
     let word = item_index(group, groups, local);
     if 32u * word >= params.listed { return; }
     if word == 0u {
-        chosen[0] = sums[arrayLength(&sums) - 1u];
+        chosen[0] = sums[params.blocks];
         chosen[1] = listed_of(work[0], params);
     }
     var bits = marked(word, params.listed);

@@ -59,8 +59,9 @@ fn stepped(gpu: &Gpu, frame: &mut PhotonFrame, most: usize) -> (Option<Updated>,
 
 #[test]
 fn steps_never_wait_and_leave_what_a_rebuild_leaves() {
-    for estimator in FIELDS {
-        let own = own_gpu();
+    let devices = [own_gpu as fn() -> Gpu, without_a_clock];
+    for (estimator, device) in FIELDS.into_iter().flat_map(|f| devices.map(|device| (f, device))) {
+        let own = device();
         let (mut scene, volume) = larger_world(estimator);
         let mut frame = begun(&own, &scene, &volume);
         own.wait("test").expect("waits");
@@ -154,6 +155,29 @@ fn a_device_without_a_clock_gives_the_same_bits() {
         let now = snapshot(&own, &frame).without_histories();
         let fresh = rebuild(gpu(), &scene, &volume, &Split::default()).without_histories();
         assert_eq!(now.difference(&fresh), None, "{estimator}");
+    }
+}
+
+#[test]
+fn updates_of_a_kind_make_no_buffers_but_the_first() {
+    for estimator in FIELDS {
+        let own = own_gpu();
+        let (home, volume) = larger_world(estimator);
+        let mut edited = home.clone();
+        edited.materials[1].extinction *= 0.8;
+        edited.materials[2].colour *= 0.5;
+        let mut frame = begun(&own, &home, &volume);
+        let (split, silent) = (&Split::default(), &mut Progress::silent());
+        frame.rebuild(&own, split, silent).expect("rebuilds");
+        let mut made = Vec::new();
+        for scene in [&edited, &home].into_iter().cycle().take(8) {
+            let before = own.effort();
+            frame.edit(&own, scene, split).expect("applies");
+            let done = frame.update(&own, split, silent).expect("updates");
+            assert!(done.counts.changed > 0, "{estimator}: {done:?}");
+            made.push(own.effort().since(before).buffers);
+        }
+        assert_eq!(made[4..], [0; 4], "{estimator}: {made:?}");
     }
 }
 

@@ -26,9 +26,9 @@ struct PhotonParams {
     relit: u32,            // 1: the light's power changed
     roulette_gain: u32,    // 1 / roulette_survival: this / 2^18 * 2^doublings
     roulette_doublings: i32,
+    blocks: u32,           // of marks of photons that changed
     pad0: u32,
     pad1: u32,
-    pad2: u32,
 }
 
 // How many photons a part of the work list has, which has so many in all. The journal has as many

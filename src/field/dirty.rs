@@ -19,9 +19,8 @@ use crate::scene::Spatial;
 
 /// Blocks of a macro-cell along each axis.
 pub const DIRTY_SPLIT: u32 = 2;
-/// Blocks that one thread marks, at most: drivers lose patience with longer loops, and Mesa's
-/// software adapter ends them.
-const MOST: f32 = 20_000.0;
+/// Blocks that one thread marks, at most, of the turns that an adapter lets it take.
+const MOST_PER_TURN: f32 = 0.3;
 
 shared_struct! {
     /// The geometry of the marks, and the paper's axis historygrams.
@@ -52,6 +51,7 @@ pub struct Dirty {
     grid_buffer: wgpu::Buffer,
     bits: wgpu::Buffer,
     vacant: Arc<Kernel>,
+    most: f32,
 }
 
 impl Dirty {
@@ -79,6 +79,7 @@ impl Dirty {
             grid_buffer: gpu.upload("dirty grid", &[grid])?,
             bits: gpu.buffer::<u32>("dirty blocks", count.div_ceil(32))?,
             vacant: gpu.kernel("dirty_vacant", &[])?,
+            most: MOST_PER_TURN * gpu.ways().turns as f32,
         })
     }
 
@@ -94,7 +95,7 @@ impl Dirty {
             let blocks = (size[axis] + 2.0 * self.grid.reach) / self.grid.edge[axis] + 2.0;
             blocks.min(self.grid.blocks[axis] as f32)
         };
-        (0..3).map(along).product::<f32>() > MOST
+        (0..3).map(along).product::<f32>() > self.most
     }
 
     /// Marks every block.

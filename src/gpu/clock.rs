@@ -54,6 +54,8 @@ pub struct Effort {
     pub submits: u64,
     /// Dispatches.
     pub dispatches: u64,
+    /// Buffers that it made.
+    pub buffers: u64,
 }
 
 impl Effort {
@@ -64,6 +66,7 @@ impl Effort {
             paced: self.paced - before.paced,
             submits: self.submits - before.submits,
             dispatches: self.dispatches - before.dispatches,
+            buffers: self.buffers - before.buffers,
         }
     }
 }

@@ -5,6 +5,7 @@ use std::num::NonZero;
 use std::sync::{Arc, Mutex, Weak};
 
 use super::kernel::Kernel;
+use super::pool::REST;
 use super::queue::UNIFORM;
 use super::resource::{Bytes, Resource};
 use super::{Gpu, lock};
@@ -12,7 +13,19 @@ use crate::error::Result;
 
 /// The bind groups of somebody, whose memory they hold.
 #[derive(Clone, Default)]
-pub struct Groups(Arc<Mutex<HashMap<Key, wgpu::BindGroup>>>);
+pub struct Groups(Arc<Mutex<Kept>>);
+
+#[derive(Default)]
+struct Kept {
+    groups: HashMap<Key, Group>,
+    /// Updates that were made.
+    updates: u64,
+}
+
+struct Group {
+    group: wgpu::BindGroup,
+    used: u64,
+}
 
 #[derive(PartialEq, Eq, Hash)]
 struct Key {
@@ -23,13 +36,21 @@ struct Key {
 impl Groups {
     /// Forgets them, and with them the memory that nobody else holds.
     pub fn clear(&self) {
-        lock(&self.0).clear();
+        lock(&self.0).groups.clear();
+    }
+
+    /// An update has ended: those are forgotten that it and the one before did not use.
+    pub fn end_update(&self) {
+        let mut kept = lock(&self.0);
+        kept.updates += 1;
+        let updates = kept.updates;
+        kept.groups.retain(|_, group| updates - group.used <= REST);
     }
 }
 
 /// Whose groups are kept now.
 #[derive(Default)]
-pub(super) struct Keeper(Mutex<Weak<Mutex<HashMap<Key, wgpu::BindGroup>>>>);
+pub(super) struct Keeper(Mutex<Weak<Mutex<Kept>>>);
 
 impl Keeper {
     /// The group of a kernel that is given these.
@@ -43,13 +64,15 @@ impl Keeper {
         let Some(kept) = lock(&self.0).upgrade().filter(|_| keeps) else {
             return Ok(gpu.bind(kernel, &resources));
         };
-        let key = Key { kernel: kernel.id, resources };
-        if let Some(group) = lock(&kept).get(&key) {
-            return Ok(group.clone());
+        let mut kept = lock(&kept);
+        let (key, used) = (Key { kernel: kernel.id, resources }, kept.updates);
+        if let Some(found) = kept.groups.get_mut(&key) {
+            found.used = used;
+            return Ok(found.group.clone());
         }
         let group = gpu.bind(kernel, &key.resources);
         gpu.check(kernel.name)?;
-        lock(&kept).insert(key, group.clone());
+        kept.groups.insert(key, Group { group: group.clone(), used });
         Ok(group)
     }
 }

@@ -10,6 +10,7 @@ pub mod groups;
 pub mod kernel;
 pub mod layout;
 pub mod pace;
+pub mod pool;
 mod progress;
 pub mod queue;
 pub mod read;
@@ -32,6 +33,7 @@ use crate::error::{Error, Result};
 use clock::Clock;
 use groups::Keeper;
 use kernel::{Kernel, Library};
+use pool::Idle;
 pub use progress::Progress;
 use queue::{Command, DISPATCHES, Player, UNIFORM};
 use turns::{ARGUMENT, ARGUMENTS};
@@ -113,6 +115,7 @@ pub struct Gpu {
     queued: Mutex<VecDeque<Command>>,
     player: Mutex<Player>,
     keeper: Keeper,
+    idle: Arc<Mutex<Idle>>,
     /// What dispatches are told.
     uniforms: wgpu::Buffer,
     /// Arguments of indirect dispatches, and how many of them were ever given.
@@ -277,6 +280,7 @@ impl Gpu {
             queued: Mutex::default(),
             player: Mutex::new(Player::new(uniforms.clone())),
             keeper: Keeper::default(),
+            idle: Arc::default(),
             uniforms,
             arguments,
             given: AtomicU32::new(0),
@@ -396,6 +400,7 @@ impl Gpu {
         let size = (count.max(1) * size_of::<T>()).next_multiple_of(4) as u64;
         self.fits(stage, size)?;
         self.has_room(stage, size)?;
+        lock(&self.clock).effort.buffers += 1;
         let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(stage),
             size,
@@ -411,6 +416,7 @@ impl Gpu {
     /// As [`Gpu::buffer`].
     pub fn upload<T: bytemuck::Pod>(&self, stage: &str, data: &[T]) -> Result<wgpu::Buffer> {
         self.fits(stage, size_of_val(data) as u64)?;
+        lock(&self.clock).effort.buffers += 1;
         let buffer = self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
             label: Some(stage),
             contents: bytemuck::cast_slice(data),

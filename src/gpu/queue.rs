@@ -47,7 +47,7 @@ pub(super) enum Command {
         answer: Arc<AtomicU8>,
     },
     Work(Box<Work>),
-    /// The end of a stage, where the host's clock has to do.
+    /// The end of a stage, where the host's clock has to do: those that may not wait leave it untimed.
     End,
 }
 
@@ -182,7 +182,7 @@ impl Player {
     }
 
     /// Encodes a command that is no work.
-    fn encode(&mut self, gpu: &Gpu, command: Command) -> Result<()> {
+    fn encode(&mut self, gpu: &Gpu, command: Command, play: Play) -> Result<()> {
         match command {
             Command::Dispatch(dispatch) => self.dispatch(gpu, dispatch),
             Command::Clear(Bytes { buffer, offset, size }) => {
@@ -196,7 +196,8 @@ impl Player {
                 self.reads.push((staging, bytes, answer));
                 self.submit(gpu);
             }
-            Command::End => return self.end(gpu),
+            Command::End if play.waits() => return self.end(gpu),
+            Command::End => {}
             Command::Work(_) => {}
         }
         Ok(())
@@ -313,7 +314,7 @@ impl Player {
     }
 
     /// Plays the next slice of a work. Returns whether there are more.
-    fn turn(&mut self, gpu: &Gpu, work: &mut Work) -> Result<bool> {
+    fn turn(&mut self, gpu: &Gpu, work: &mut Work, play: Play) -> Result<bool> {
         let bound = work.total.bound();
         if bound == 0 {
             return Ok(false);
@@ -343,10 +344,10 @@ impl Player {
         // What fitted before, all in one, needs no submission of its own.
         let is_short = items == bound && work.pace.has_proven(items);
         for command in stage.into_commands() {
-            self.encode(gpu, command)?;
+            self.encode(gpu, command, play)?;
         }
         work.done += items;
-        if gpu.tick.is_none() {
+        if gpu.tick.is_none() && play.waits() {
             self.end(gpu)?;
         } else if !is_short && let Some(submission) = self.submit(gpu) {
             let is_done = Arc::new(AtomicBool::new(false));
@@ -387,13 +388,13 @@ impl Gpu {
                     }
                     has_played = true;
                     let (name, bound) = (work.name, work.total.bound());
-                    let is_more = player.turn(self, &mut work)?;
+                    let is_more = player.turn(self, &mut work, play)?;
                     progress.at(name, work.done, bound);
                     if is_more {
                         lock(&self.queued).push_front(Command::Work(work));
                     }
                 }
-                Some(command) => player.encode(self, command)?,
+                Some(command) => player.encode(self, command, play)?,
             }
         }
         if play != Play::Encode {

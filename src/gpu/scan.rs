@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::kernel::Kernel;
 use super::layout::shared_struct;
+use super::pool::Pooled;
 use super::run::Stage;
 use super::{GROUP, Gpu};
 use crate::error::Result;
@@ -24,7 +25,7 @@ pub struct Scanner {
     blocks: Arc<Kernel>,
     totals: Arc<Kernel>,
     /// Block totals of each level, and of the levels above.
-    sums: Vec<wgpu::Buffer>,
+    sums: Vec<Pooled>,
 }
 
 impl Scanner {
@@ -37,7 +38,7 @@ impl Scanner {
         let mut count = capacity.max(1);
         loop {
             count = count.div_ceil(SCAN_BLOCK);
-            sums.push(gpu.buffer::<u32>("scan sums", count as usize)?);
+            sums.push(gpu.lend::<u32>("scan sums", count as usize)?);
             if count == 1 {
                 break;
             }

@@ -9,6 +9,7 @@ use crate::bits::hash;
 use crate::error::Result;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::layout::shared_struct;
+use crate::gpu::pool::Pooled;
 use crate::gpu::read::Words;
 use crate::gpu::resource::Resource;
 use crate::gpu::run::Stage;
@@ -47,15 +48,15 @@ shared_struct! {
 /// Some of `capacity` items, each once.
 pub struct WorkList {
     /// How many are listed, and then which.
-    pub items: wgpu::Buffer,
+    pub items: Pooled,
     /// A bit for each item: whether it is to be listed.
-    pub marks: wgpu::Buffer,
+    pub marks: Pooled,
     /// How many are listed, if the host has learned it.
     pub count: u32,
     /// How many there are.
     pub capacity: u32,
     /// How many are marked in the blocks before each, and in all.
-    pub sums: wgpu::Buffer,
+    pub sums: Pooled,
     scanner: Scanner,
     total: Arc<Kernel>,
     rank: Arc<Kernel>,
@@ -72,11 +73,11 @@ impl WorkList {
         let words = capacity.div_ceil(32);
         let blocks = words.div_ceil(SCAN_BLOCK);
         Ok(Self {
-            items: gpu.buffer::<u32>("work list", capacity as usize + 1)?,
-            marks: gpu.buffer::<u32>("work list marks", words as usize)?,
+            items: gpu.lend::<u32>("work list", capacity as usize + 1)?,
+            marks: gpu.lend::<u32>("work list marks", words as usize)?,
             count: 0,
             capacity,
-            sums: gpu.buffer::<u32>("work list sums", blocks as usize + 1)?,
+            sums: gpu.lend::<u32>("work list sums", blocks as usize + 1)?,
             scanner: Scanner::new(gpu, blocks + 1)?,
             total: gpu.kernel("list_sums", &[])?,
             rank: gpu.kernel("list_rank", &[])?,
@@ -115,14 +116,18 @@ impl WorkList {
     }
 
     fn params(&self) -> ListParams {
-        let blocks = self.capacity.div_ceil(32).div_ceil(SCAN_BLOCK);
-        ListParams { count: self.capacity, blocks }
+        ListParams { count: self.capacity, blocks: self.blocks() }
+    }
+
+    /// Blocks of words of its marks; the sum of all is behind that of the last.
+    pub fn blocks(&self) -> u32 {
+        self.capacity.div_ceil(32).div_ceil(SCAN_BLOCK)
     }
 
     /// Where the device has how many are listed.
     pub fn length(&self) -> Words {
         let blocks = u64::from(self.params().blocks);
-        Words { buffer: self.sums.clone(), range: blocks..blocks + 1 }
+        Words { buffer: (*self.sums).clone(), range: blocks..blocks + 1 }
     }
 
     /// Reads how many items lists have that were recorded.
@@ -143,8 +148,8 @@ impl WorkList {
     ///
     /// # Errors
     /// The device refuses the memory.
-    pub fn ranks(&self, gpu: &Gpu) -> Result<wgpu::Buffer> {
-        gpu.buffer::<u32>("work list ranks", self.capacity.div_ceil(32) as usize)
+    pub fn ranks(&self, gpu: &Gpu) -> Result<Pooled> {
+        gpu.lend::<u32>("work list ranks", self.capacity.div_ceil(32) as usize)
     }
 
     /// Ranks its words of marks: how many items are marked in those before each.

@@ -16,6 +16,7 @@ use crate::error::Result;
 use crate::gpu::counter::Choice;
 use crate::gpu::kernel::Kernel;
 use crate::gpu::pace::Pace;
+use crate::gpu::pool::Pooled;
 use crate::gpu::queue::Total;
 use crate::gpu::resource::{Bindings, Bytes};
 use crate::gpu::run::Stage;
@@ -40,7 +41,7 @@ pub(super) struct Journal {
     chosen: wgpu::Buffer,
     /// Which they are.
     changed: WorkList,
-    ranks: wgpu::Buffer,
+    ranks: Pooled,
     copy: Arc<Kernel>,
     weigh: Arc<Kernel>,
     weighed: ByFollower,
@@ -197,7 +198,8 @@ impl PhotonMap {
     /// # Errors
     /// The device failed.
     pub fn choose(&self, gpu: &Gpu, part: &Part) -> Result<()> {
-        let params = self.part_params(part);
+        let blocks = self.journal.changed.blocks();
+        let params = PhotonParams { blocks, ..self.part_params(part) };
         let batch = &self.batches[part.batch];
         let Journal { changed, ranks, chosen, choose, .. } = &self.journal;
         let bindings = [

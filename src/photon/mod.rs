@@ -81,12 +81,12 @@ shared_struct! {
         pub roulette_gain: u32,
         /// See `roulette_gain`.
         pub roulette_doublings: i32,
+        /// Blocks of marks of photons that changed.
+        pub blocks: u32,
         /// Keeps the size a multiple of 16.
         pub pad0: u32,
         /// The same.
         pub pad1: u32,
-        /// The same.
-        pub pad2: u32,
     }
 }
 
@@ -460,7 +460,7 @@ impl PhotonMap {
             ..self.params(batch)
         };
         let mut total = total;
-        let mut work = &batch.list.items;
+        let mut work: &wgpu::Buffer = &batch.list.items;
         for (i, first_event) in
             (0..self.max_events).step_by(self.events_at_once as usize).enumerate()
         {

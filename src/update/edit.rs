@@ -51,6 +51,10 @@ impl PhotonFrame {
         let parts_to_make = self.missing.and(parts);
         let photons = self.photons_to_make(scene, &lights, parts_to_make);
         let making = Making { photons, estimator: estimators[1], parts: parts_to_make };
+        if parts_to_make.any() {
+            self.groups.clear();
+            gpu.forget_idle();
+        }
         memory::check(gpu, &memory::needs(scene, &self.scene, making))?;
         let result = self.apply(gpu, scene, table, lights, parts, split);
         if result.is_err() {
@@ -77,6 +81,10 @@ impl PhotonFrame {
             let (bins, majorant) = (&self.scene.bins, self.scene.params.majorant);
             change = Query::between(&self.scene.table, &table, bins, majorant);
             relit = self.relight(gpu, scene, &lights, split)?;
+        }
+        if relit {
+            // Photons of lights that are gone go, too.
+            self.groups.clear();
         }
         self.query.add(&change);
         if parts.constants {

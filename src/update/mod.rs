@@ -601,6 +601,8 @@ impl PhotonFrame {
             self.field.all_seen();
             self.map.batches.iter_mut().for_each(|b| (b.relit, b.stale) = (false, false));
             (self.fresh, self.pending) = (false, false);
+            gpu.end_update();
+            self.groups.end_update();
             self.took[usize::from(going.is_rebuild)] = Some(going.watch.took());
             self.dirty.clear(gpu)?;
         }

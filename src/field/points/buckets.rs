@@ -1,9 +1,12 @@
 //! Where points of a cell lie: a bucket for each cell of a small grid, or a hash table of the runs of
 //! cells that have any.
 
+use std::cell::RefCell;
+
 use super::PointsParams;
 use crate::error::Result;
 use crate::gpu::Gpu;
+use crate::gpu::pool::Pooled;
 use crate::split::Split;
 
 /// Cells of a grid that each have a bucket, at most: 32 MiB, and as much again for points that changed.
@@ -37,13 +40,30 @@ pub(super) fn most_points(binding: u64) -> u32 {
     1_u32 << runs.ilog2().min(28)
 }
 
+/// What gathers are told of grids: few ever differ.
+#[derive(Default)]
+pub(super) struct Fields(RefCell<Vec<(PointsParams, wgpu::Buffer)>>);
+
+impl Fields {
+    fn of(&self, gpu: &Gpu, params: PointsParams) -> Result<wgpu::Buffer> {
+        let params = PointsParams { changed: [0; 2], ..params };
+        let mut known = self.0.borrow_mut();
+        if let Some((_, buffer)) = known.iter().find(|(of, _)| *of == params) {
+            return Ok(buffer.clone());
+        }
+        let buffer = gpu.upload("points field", &[params])?;
+        known.push((params, buffer.clone()));
+        Ok(buffer)
+    }
+}
+
 /// Where buckets begin.
 pub(super) struct Buckets {
     /// The grid, with how many buckets there are, and slots of the hash table.
     pub params: PointsParams,
     /// Where each bucket begins, and the last ends; then which rows around each cell have points, or
     /// the runs that slots of the hash table have.
-    pub starts: wgpu::Buffer,
+    pub starts: Pooled,
     /// The same as `params`, for gathers.
     pub field: wgpu::Buffer,
     /// Points that ever came: as many runs as that there may be, at most.
@@ -56,7 +76,13 @@ impl Buckets {
     ///
     /// # Errors
     /// The memory is refused.
-    pub fn new(gpu: &Gpu, grid: PointsParams, count: u32, is_hashed: bool) -> Result<Self> {
+    pub fn new(
+        gpu: &Gpu,
+        grid: PointsParams,
+        count: u32,
+        is_hashed: bool,
+        fields: &Fields,
+    ) -> Result<Self> {
         let [x, y, z] = grid.grid;
         let mut params = PointsParams { runs: 0, buckets: x * y * z, ..grid };
         let mut words = 2 * params.buckets as usize + 1;
@@ -73,8 +99,8 @@ impl Buckets {
             (params.runs, params.buckets) = (runs, RUN * runs);
             words = words_of(runs);
         }
-        let starts = gpu.buffer::<u32>("points starts", words)?;
-        let field = gpu.upload("points field", &[params])?;
+        let starts = gpu.lend::<u32>("points starts", words)?;
+        let field = fields.of(gpu, params)?;
         Ok(Self { params, starts, field, ever: 0 })
     }
 

@@ -14,6 +14,7 @@ use crate::device_scene::Context;
 use crate::error::Result;
 use crate::field::Run;
 use crate::field::dirty::Dirty;
+use crate::gpu::pool::Pooled;
 use crate::gpu::queue::Total;
 use crate::gpu::run::Stage;
 use crate::gpu::scan::Scanner;
@@ -34,8 +35,8 @@ pub(super) enum Changes {
 pub(super) struct Listed {
     /// Lights, of which a point has one or two.
     count: u32,
-    places: wgpu::Buffer,
-    lights: wgpu::Buffer,
+    places: Pooled,
+    lights: Pooled,
     buckets: Buckets,
 }
 
@@ -49,18 +50,18 @@ impl Listed {
 /// Points whose light may have changed.
 pub(super) struct Moved {
     count: u32,
-    places: wgpu::Buffer,
+    places: Pooled,
     /// The light that segments have seen; `None`: dark.
-    seen: Option<wgpu::Buffer>,
+    seen: Option<Pooled>,
     /// The light of now; `None`: dark.
-    now: Option<wgpu::Buffer>,
+    now: Option<Pooled>,
     /// Those whose light did, listed; `None`: all.
     list: Option<WorkList>,
 }
 
 impl Moved {
     /// All points of a part that went, of which this light was seen.
-    pub(super) fn gone(part: &Block, seen: wgpu::Buffer) -> Self {
+    pub(super) fn gone(part: &Block, seen: Pooled) -> Self {
         Self { seen: Some(seen), now: None, ..Self::all(part) }
     }
 
@@ -70,7 +71,7 @@ impl Moved {
     }
 
     /// Those whose light is not what was `seen`, as listed.
-    pub(super) fn some(part: &Block, seen: wgpu::Buffer, list: WorkList) -> Self {
+    pub(super) fn some(part: &Block, seen: Pooled, list: WorkList) -> Self {
         Self { seen: Some(seen), list: Some(list), ..Self::all(part) }
     }
 
@@ -183,8 +184,8 @@ impl Points {
     fn taken(&self, gpu: &Gpu, listed: &[Found], lights: u32) -> Result<Listed> {
         let mut taken = Listed {
             count: lights,
-            places: gpu.buffer::<[u32; 4]>("point places", lights as usize)?,
-            lights: gpu.buffer::<[f32; 4]>("point lights", lights as usize)?,
+            places: gpu.lend::<[u32; 4]>("point places", lights as usize)?,
+            lights: gpu.lend::<[f32; 4]>("point lights", lights as usize)?,
             buckets: self.buckets(gpu, lights)?,
         };
         taken.buckets.expect(lights);
@@ -201,7 +202,8 @@ impl Points {
             stage.dispatch(&self.tally, list.count.into(), &bindings, &params)?;
         }
         let begins = taken.buckets.params.buckets + 1;
-        Scanner::new(gpu, begins)?.record(&mut stage, &taken.buckets.starts, begins)?;
+        let scanner = Scanner::new(gpu, begins)?;
+        scanner.record(&mut stage, &taken.buckets.starts, begins)?;
         for Found { points, list } in listed {
             for (lights, sign) in [(&points.seen, -1.0), (&points.now, 1.0)] {
                 let Some(lights) = lights else { continue };

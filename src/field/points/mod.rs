@@ -16,7 +16,7 @@ mod table;
 
 use std::sync::Arc;
 
-use self::buckets::{Buckets, most_points};
+use self::buckets::{Buckets, Fields, most_points};
 use self::changes::{Changes, Moved};
 use self::refresh::Survey;
 use self::table::{Block, Table};
@@ -124,6 +124,7 @@ pub struct Points {
     params: PointsParams,
     /// Whether buckets are those of a hash table.
     is_hashed: bool,
+    fields: Fields,
     /// Whether fluence is blurred, not collision density.
     pub even: bool,
     tables: Vec<Table>,
@@ -214,6 +215,7 @@ impl Points {
             scale: (CONTRIBUTION / typical) as f32,
             none: Block::new(gpu, 0, false)?,
             is_hashed,
+            fields: Fields::default(),
             params,
             tables: Vec::new(),
             moved: Vec::new(),
@@ -301,7 +303,7 @@ impl Points {
 
     /// Empty buckets for so many points.
     fn buckets(&self, gpu: &Gpu, count: u32) -> Result<Buckets> {
-        Buckets::new(gpu, self.params, count, self.is_hashed)
+        Buckets::new(gpu, self.params, count, self.is_hashed, &self.fields)
     }
 
     /// Tells which rows around each cell have points, where each is a bucket.

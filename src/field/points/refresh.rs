@@ -6,6 +6,7 @@ use super::table::{Block, Member, Table};
 use super::{MEAN_BLOCK, Points, PointsParams, Reach};
 use crate::device_scene::Context;
 use crate::error::Result;
+use crate::gpu::pool::Pooled;
 use crate::gpu::read::Words;
 use crate::gpu::resource::Bytes;
 use crate::gpu::run::Stage;
@@ -21,7 +22,7 @@ struct Kept {
     /// Marked, not listed. One more than there are: it is asked how many are kept before the end.
     list: WorkList,
     /// How many are kept before each word of marks.
-    ranks: wgpu::Buffer,
+    ranks: Pooled,
 }
 
 impl Kept {
@@ -47,7 +48,7 @@ pub(super) struct Survey {
 /// Points that stay.
 struct Staying {
     /// The light that segments have seen of them.
-    seen: wgpu::Buffer,
+    seen: Pooled,
     /// Those of which it is another now.
     changed: WorkList,
 }
@@ -258,7 +259,7 @@ impl Points {
         let part = &table.part;
         let count = part.count;
         let params = PointsParams { all: kept.is_none().into(), ..self.params(count) };
-        let seen = gpu.buffer::<[f32; 4]>("point lights", count as usize)?;
+        let seen = gpu.lend::<[f32; 4]>("point lights", count as usize)?;
         let changed = WorkList::new(gpu, count)?;
         let mut bindings = [scene.bindings(), part.bindings()].concat();
         bindings.extend([
@@ -273,10 +274,14 @@ impl Points {
             stage.dispatch(&self.mean, mean_threads(count), &bindings, &params)?;
         }
         let alters = |member: &Member| member.batch(map).is_some_and(|batch| batch.stale);
-        if table.members.iter().any(alters) {
-            let marks = slot_marks(gpu, table)?;
-            copy_marks(&mut stage, map, table, &marks);
-            let own = [bindings.as_slice(), &[("slot_marks", (&marks).into())]].concat();
+        // It must be there until all is recorded.
+        let marks = match table.members.iter().any(alters) {
+            true => Some(slot_marks(gpu, table)?),
+            false => None,
+        };
+        if let Some(marks) = &marks {
+            copy_marks(&mut stage, map, table, marks);
+            let own = [bindings.as_slice(), &[("slot_marks", marks.into())]].concat();
             stage.dispatch(&self.query, count.into(), &own, &params)?;
         }
         for member in &table.members {
@@ -285,7 +290,7 @@ impl Points {
                 continue;
             }
             // Of a batch that is gone no point is kept, and no state is asked for.
-            let states = batch.map_or(&part.places, |batch| &batch.states);
+            let states = batch.map_or(&*part.places, |batch| &batch.states);
             let own = [bindings.as_slice(), &[("states", states.into())]].concat();
             let params = member.within(params);
             stage.dispatch(&self.record, count.div_ceil(32).into(), &own, &params)?;
@@ -298,7 +303,7 @@ impl Points {
     fn merged(&self, gpu: &Gpu, table: &Table, kept: &Kept, new: &Block) -> Result<Block> {
         let Table { part: before, buckets, .. } = table;
         let begins = buckets.params.buckets + 1;
-        let added = gpu.buffer::<u32>("points added", begins as usize)?;
+        let added = gpu.lend::<u32>("points added", begins as usize)?;
         let mut stage = gpu.stage("points_merge").once();
         stage.clear(&added);
         let bindings = [("keys", (&new.buckets).into()), ("starts", (&added).into())];
@@ -308,7 +313,8 @@ impl Points {
             &bindings,
             &CountParams { count: new.count },
         )?;
-        Scanner::new(gpu, begins)?.record(&mut stage, &added, begins)?;
+        let scanner = Scanner::new(gpu, begins)?;
+        scanner.record(&mut stage, &added, begins)?;
         let part = Block::new(gpu, kept.list.count + new.count, self.has_histories())?;
         let kept = [
             ("kept", (&kept.list.marks).into()),
@@ -316,14 +322,15 @@ impl Points {
             ("starts", (&buckets.starts).into()),
             ("added", (&added).into()),
         ];
-        for (from, fresh) in [(before, 0), (new, 1)] {
+        let order = |from: &Block| gpu.lend::<u32>("points order", from.count as usize);
+        let orders = [order(before)?, order(new)?];
+        for ((from, fresh), order) in [(before, 0), (new, 1)].into_iter().zip(&orders) {
             let params = PointsParams { fresh, ..buckets.with(from.count) };
-            let order = gpu.buffer::<u32>("points order", from.count as usize)?;
-            let own = [("buckets", (&from.buckets).into()), ("order", (&order).into())];
+            let own = [("buckets", (&from.buckets).into()), ("order", order.into())];
             let bindings = [kept.as_slice(), &own].concat();
             stage.dispatch(&self.merge, params.count.into(), &bindings, &params)?;
             let mut bindings = [from.seen(), part.bindings()].concat();
-            bindings.push(("order", (&order).into()));
+            bindings.push(("order", order.into()));
             stage.dispatch(&self.arrange, params.count.into(), &bindings, &params)?;
             // Without histories no update is to come.
             if self.history {
@@ -347,12 +354,12 @@ fn entering_members<'a>(
 }
 
 /// Room for the slot marks of all members of a table.
-fn slot_marks(gpu: &Gpu, table: &Table) -> Result<wgpu::Buffer> {
-    gpu.buffer::<SlotMarks>("slot marks", table.slots().div_ceil(32) as usize)
+fn slot_marks(gpu: &Gpu, table: &Table) -> Result<Pooled> {
+    gpu.lend::<SlotMarks>("slot marks", table.slots().div_ceil(32) as usize)
 }
 
 /// Copies there what is marked in the batches that there are.
-fn copy_marks(stage: &mut Stage, map: &PhotonMap, table: &Table, marks: &wgpu::Buffer) {
+fn copy_marks(stage: &mut Stage, map: &PhotonMap, table: &Table, marks: &Pooled) {
     for member in &table.members {
         if let Some(batch) = member.batch(map) {
             stage.copy(Bytes::all(&batch.slot_marks), marks, member.marks_at());

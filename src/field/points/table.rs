@@ -7,6 +7,7 @@ use super::{Origin, PointsParams};
 use crate::error::Result;
 use crate::field::Run;
 use crate::gpu::Gpu;
+use crate::gpu::pool::Pooled;
 use crate::gpu::resource::Bindings;
 use crate::photon::{Batch, PhotonMap};
 
@@ -14,13 +15,13 @@ use crate::photon::{Batch, PhotonMap};
 pub(super) struct Block {
     pub count: u32,
     /// The bucket of each.
-    pub buckets: wgpu::Buffer,
-    pub places: wgpu::Buffer,
-    pub lights: wgpu::Buffer,
+    pub buckets: Pooled,
+    pub places: Pooled,
+    pub lights: Pooled,
     /// The [`Origin`] of each.
-    pub origins: wgpu::Buffer,
+    pub origins: Pooled,
     /// The historygram of the values that each mean is of, where updates are to come.
-    pub mean_histories: wgpu::Buffer,
+    pub mean_histories: Pooled,
 }
 
 impl Block {
@@ -29,11 +30,11 @@ impl Block {
         let room = |is_wanted| if is_wanted { count as usize } else { 0 };
         Ok(Self {
             count,
-            buckets: gpu.buffer::<u32>("points buckets", room(true))?,
-            places: gpu.buffer::<[u32; 4]>("point places", room(true))?,
-            lights: gpu.buffer::<[f32; 4]>("point lights", room(true))?,
-            origins: gpu.buffer::<Origin>("point origins", room(true))?,
-            mean_histories: gpu.buffer::<[u32; 2]>("mean histories", room(has_histories))?,
+            buckets: gpu.lend::<u32>("points buckets", room(true))?,
+            places: gpu.lend::<[u32; 4]>("point places", room(true))?,
+            lights: gpu.lend::<[f32; 4]>("point lights", room(true))?,
+            origins: gpu.lend::<Origin>("point origins", room(true))?,
+            mean_histories: gpu.lend::<[u32; 2]>("mean histories", room(has_histories))?,
         })
     }
 
