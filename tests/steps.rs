@@ -51,7 +51,7 @@ fn stepped(gpu: &Gpu, frame: &mut PhotonFrame, most: usize) -> (Option<Updated>,
         let progress = &mut Progress::silent();
         let came = frame.step(gpu, &Split::default(), BUDGET, progress).expect("steps");
         if let Step::Done(done) = came {
-            return (Some(done), step);
+            return (Some(*done), step);
         }
     }
     (None, most)

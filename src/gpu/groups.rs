@@ -84,14 +84,6 @@ impl Gpu {
     }
 
     fn bind(&self, kernel: &Kernel, resources: &[(u32, Resource)]) -> wgpu::BindGroup {
-        let of = |resource| match resource {
-            &Resource::Buffer(ref buffer) => buffer.as_entire_binding(),
-            &Resource::Bytes(Bytes { ref buffer, offset, size }) => {
-                let size = NonZero::new(size);
-                wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset, size })
-            }
-            Resource::Texture(view) => wgpu::BindingResource::TextureView(view),
-        };
         let told = kernel.told.map(|binding| wgpu::BindGroupEntry {
             binding,
             resource: wgpu::BindingResource::Buffer(wgpu::BufferBinding {
@@ -104,7 +96,7 @@ impl Gpu {
             .iter()
             .map(|(binding, resource)| wgpu::BindGroupEntry {
                 binding: *binding,
-                resource: of(resource),
+                resource: binding_of(resource),
             })
             .chain(told)
             .collect::<Vec<_>>();
@@ -113,5 +105,16 @@ impl Gpu {
             layout: &kernel.layout,
             entries: &entries,
         })
+    }
+}
+
+fn binding_of(resource: &Resource) -> wgpu::BindingResource<'_> {
+    match resource {
+        Resource::Buffer(buffer) => buffer.as_entire_binding(),
+        Resource::Bytes(Bytes { buffer, offset, size }) => {
+            let (offset, size) = (*offset, NonZero::new(*size));
+            wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset, size })
+        }
+        Resource::Texture(view) => wgpu::BindingResource::TextureView(view),
     }
 }

@@ -129,7 +129,7 @@ mod tests {
     fn sizes_are_a_little_more_than_what_is_asked() {
         for bytes in [0, 1, 4, 255, 256, 257, 1000, 5000, 1 << 20, (1 << 20) + 4, 123_456_789] {
             let size = class(bytes);
-            assert!(size >= bytes && size % 256 == 0, "{size} for {bytes}");
+            assert!(size >= bytes && size.is_multiple_of(256), "{size} for {bytes}");
             assert!(size <= bytes + (bytes / 8).max(256), "{size} for {bytes}");
             assert_eq!(class(size), size);
         }

@@ -198,12 +198,12 @@ enum Next {
 }
 
 /// What came of a step of an update.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Step {
     /// The device is at work, or there is more to do.
     Pending,
     /// The update has come to its end, or was abandoned.
-    Done(Updated),
+    Done(Box<Updated>),
 }
 
 impl PhotonFrame {
@@ -305,7 +305,7 @@ impl PhotonFrame {
     pub fn update(&mut self, gpu: &Gpu, split: &Split, progress: &mut Progress) -> Result<Updated> {
         loop {
             if let Step::Done(done) = self.advanced(gpu, split, Play::Encode, progress)? {
-                return Ok(done);
+                return Ok(*done);
             }
         }
     }
@@ -382,7 +382,7 @@ impl PhotonFrame {
                 return Ok(Step::Pending);
             }
             if going.stops(progress) {
-                return Ok(Step::Done(going.done));
+                return Ok(Step::Done(going.done.into()));
             }
             if matches!(going.next, Next::Survey | Next::Look | Next::Count) {
                 going.watch.end_stage();
@@ -412,7 +412,7 @@ impl PhotonFrame {
                         return Ok(Step::Pending);
                     }
                     Answer::Words(words) => match self.end(gpu, &mut going, &words)? {
-                        None => return Ok(Step::Done(going.done)),
+                        None => return Ok(Step::Done(going.done.into())),
                         Some(next) => next,
                     },
                 },
