@@ -283,7 +283,7 @@ impl Player {
         if self.pass.is_none() && self.encoder.is_none() {
             return Ok(());
         }
-        // What was before is not to be counted.
+        // All before it was waited for.
         let begun = Instant::now();
         self.submit(gpu);
         gpu.wait_for(None, "stage")?;

@@ -103,7 +103,7 @@ impl PhotonFrame {
                         self.going = Some(going);
                         return Ok(Step::Pending);
                     }
-                    Answer::Words(words) => match self.end(gpu, &mut going, &words)? {
+                    Answer::Words(words) => match self.end(gpu, &mut going, split, &words)? {
                         None => return Ok(Step::Done(going.done.into())),
                         Some(next) => next,
                     },
@@ -265,7 +265,13 @@ impl PhotonFrame {
 
     /// All is as the scene has it, and nothing remains noted; or some of it is to be done again with
     /// shorter loops.
-    fn end(&mut self, gpu: &Gpu, going: &mut Going, words: &[u32]) -> Result<Option<Next>> {
+    fn end(
+        &mut self,
+        gpu: &Gpu,
+        going: &mut Going,
+        split: &Split,
+        words: &[u32],
+    ) -> Result<Option<Next>> {
         let (counts, words) = words.split_at(COUNTER_WORDS);
         let (segments, batches) = words.split_at(self.segments.listed().range.end as usize);
         let done = &mut going.done;
@@ -275,7 +281,7 @@ impl PhotonFrame {
                 return match next {
                     // From nothing, however it began.
                     Next::Photons(_) => {
-                        *going = self.begin(gpu, &Split::default())?;
+                        *going = self.begin(gpu, split)?;
                         Ok(Some(std::mem::replace(&mut going.next, Next::Count)))
                     }
                     next => Ok(Some(next)),
