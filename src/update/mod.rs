@@ -275,7 +275,8 @@ impl PhotonFrame {
     }
 
     /// Goes on with an update, or begins one, for about `budget`, and as far as the device has room for
-    /// slices that take as long each; never waits for it. A window calls this once a frame.
+    /// slices that take as long each; never waits for it. A window calls this once a frame. (The paper's
+    /// axis historygrams alone, `spatial = "axes"`, are found on the host, which waits for the marks.)
     ///
     /// # Errors
     /// As [`Self::update`].
