@@ -109,8 +109,7 @@ fn one_voxel_is_exact() {
 }
 
 /// Mesa's software adapter ends a thread's loops after 65 535 iterations of all of them
-/// together, without a word. What it cut short is traced again event by event, in an update
-/// from the slots that were there.
+/// together, without a word. Where it cut any short, all photons are traced anew, event by event.
 #[test]
 fn long_flights_are_not_cut_short() {
     const MAJORANT: f64 = 37_000.0;
