@@ -58,8 +58,8 @@ impl Sort {
     }
 }
 
-/// The bound of keys, over how many there are, up to which counting is faster (`cargo bench --bench
-/// sort`).
+/// The bound of keys, over how many there are, up to which they are counted: at 4 that was measured to
+/// be faster, at 32 the digits were (`cargo bench --bench sort`).
 const MOST_BELOW: u64 = 8;
 
 /// Sorts up to a fixed number of keys.
