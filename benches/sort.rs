@@ -26,7 +26,7 @@ const RUNS: usize = 5;
 
 fn main() -> anyhow::Result<()> {
     let args = Args::parse();
-    let gpu = photogram::open(&AdapterChoice::Best)?;
+    let gpu = pollster::block_on(photogram::open(&AdapterChoice::Best))?;
     println!("adapter: {}", gpu.report().name);
     let mut csv = String::from("keys,below,sort,million_keys_a_second\n");
     for count in [100_000_u32, 1_000_000, 10_000_000] {

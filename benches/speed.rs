@@ -42,7 +42,7 @@ const RUNS: usize = 5;
 
 fn main() -> anyhow::Result<()> {
     let args = Args::parse();
-    let gpu = photogram::open(&AdapterChoice::Best)?;
+    let gpu = pollster::block_on(photogram::open(&AdapterChoice::Best))?;
     println!("adapter: {}", gpu.report().name);
     let mut report = json!({
         "adapter": gpu.report(),

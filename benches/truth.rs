@@ -57,7 +57,7 @@ fn main() -> anyhow::Result<()> {
         let rows: Vec<Row> = csv.lines().skip(1).map(Row::read).collect::<anyhow::Result<_>>()?;
         return charts(&args, &rows);
     }
-    let gpu = photogram::open(&AdapterChoice::Best)?;
+    let gpu = pollster::block_on(photogram::open(&AdapterChoice::Best))?;
     println!("adapter: {}", gpu.report().name);
     println!(
         "scene               estimator     size  photons rays    relMSE    leak  energy  trace ms field ms gather ms"

@@ -38,7 +38,7 @@ fn main() -> Result<()> {
     }
     scene.settle(&volume);
 
-    let gpu = photogram::open(&AdapterChoice::Best)?;
+    let gpu = pollster::block_on(photogram::open(&AdapterChoice::Best))?;
     let silent = &mut Progress::silent();
     // Else the first update would wait for kernels to be compiled.
     warm(&gpu, &scene, &volume, silent)?;

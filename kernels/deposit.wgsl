@@ -8,7 +8,7 @@ import package::constants::{GROUP, DEPOSIT_ADD, DEPOSIT_REPLACE};
 import package::shared::counter::{DEPOSITS, CLAMPED, UNFINISHED_LIGHT, count, expect, cut_short};
 import package::shared::item::item_index;
 import package::shared::light::emit;
-import package::shared::photon::identify;
+import package::shared::quota::identify;
 import package::shared::scene::scene;
 import package::shared::slot::{EMPTY, slot_kind, slot_of, slot_power, unpack_power};
 import package::shared::sum64::rounded;
@@ -17,13 +17,13 @@ import package::shared::walk::{line, walk_begin, walk_leave, walk_step};
 struct DepositParams {
     grid: vec3<u32>,    // cells
     scale: f32,         // of the sums
-    light: u32,         // which light the batch belongs to
-    first_index: u32,   // the light's photon that is the batch's first
     max_events: u32,
     mode: u32,          // DEPOSIT_ADD, DEPOSIT_REMOVE or DEPOSIT_REPLACE
     first_item: u32,    // of this dispatch
     items: u32,
-    photons: u32,       // in the batch
+    photons: u32,       // that are summed, where none are chosen
+    first_photon: u32,  // the first of them
+    stride: u32,        // photons in the batch
     is_chosen: u32,     // 1: of a part the chosen photons, two words each (see `chosen`), not all
     in_journal: u32,    // 1: a photon's slots are at its place in the part, not in the batch
     pad0: u32,
@@ -77,12 +77,12 @@ fn main(
     if item >= params.items || number >= photons * params.max_events { return; }
     let place = number % photons;
     let at_chosen = select(0u, 2u + 2u * place, is_chosen);
-    let photon = select(place, chosen[at_chosen], is_chosen);
+    let photon = select(params.first_photon + place, chosen[at_chosen], is_chosen);
     let changed = select(0u, chosen[at_chosen + 1u], is_chosen);
     let event = number / photons + changed % params.max_events;
     if event >= params.max_events { return; }
     let in_journal = params.in_journal == 1u;
-    let stride = select(params.photons, chosen[1], in_journal);
+    let stride = select(params.stride, chosen[1], in_journal);
     let at = event * stride + select(photon, changed / params.max_events, in_journal);
     let state = states[at];
     if slot_kind(state) == EMPTY { return; }
@@ -92,7 +92,7 @@ fn main(
     if event > 0u {
         start = bitcast<vec3<f32>>(places[at - stride].xyz);
     } else {
-        let id = identify(params.light, params.first_index + photon);
+        let id = identify(photon);
         start = emit(id.light, id.index).position;
     }
     let way = slot.position - start;

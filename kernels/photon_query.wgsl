@@ -10,6 +10,7 @@ import package::shared::counter::{INVALID, REWEIGHED, choose, count};
 import package::shared::item::item_index;
 import package::shared::marks::mark;
 import package::shared::photon::{PhotonParams, Task, NOTHING, pack_task, is_invalid};
+import package::shared::quota::{NOBODY, identify};
 import package::shared::scene::optics_of;
 import package::shared::slot::{EMPTY, INTERACTION, slot_kind, slot_entry};
 @if(points) import package::shared::slot_marks::mark_altered;
@@ -24,7 +25,9 @@ struct Found {
 }
 
 fn find(photon: u32) -> Found {
-    var found = Found(select(NOTHING, 0u, params.relit == 1u), NOTHING);
+    let id = identify(photon);
+    if id.light == NOBODY { return Found(NOTHING, NOTHING); }
+    var found = Found(select(NOTHING, 0u, id.relit), NOTHING);
     for (var event = 0u; event < params.max_events; event++) {
         let slot = event * params.photons + photon;
         let state = states[slot];

@@ -14,9 +14,10 @@ import package::shared::counter::{
 import package::shared::flight::{Known, nothing_known, fly};
 import package::shared::item::item_index;
 import package::shared::photon::{
-    PhotonParams, Task, GOES_ON, listed_of, pack_task, unpack_task, is_invalid, identify, weigh, turn
+    PhotonParams, Task, GOES_ON, listed_of, pack_task, unpack_task, is_invalid, weigh, turn
 };
 import package::shared::light::emit;
+import package::shared::quota::{NOBODY, identify};
 import package::shared::random::{draw, FOR_FLIGHT};
 import package::shared::scene::{scene, optics_of};
 import package::shared::slot::{
@@ -62,7 +63,8 @@ fn main(
     var event = task.touched + params.first_event;
     let stop = min(task.touched + params.stop_event, params.max_events);
     if event >= stop { return; }
-    let id = identify(params.light, params.first_index + photon);
+    let id = identify(photon);
+    if id.light == NOBODY { return; }
 
     var slot: Slot;
     if event > 0u {

@@ -8,7 +8,8 @@
 import package::shared::counter::{choose, expect, cut_short};
 import package::shared::item::item_index;
 import package::shared::journal::{journal, state_in_journal};
-import package::shared::photon::{PhotonParams, listed_of, unpack_task, identify, weigh};
+import package::shared::photon::{PhotonParams, listed_of, unpack_task, weigh};
+import package::shared::quota::identify;
 import package::shared::slot::{EMPTY, INTERACTION, slot_kind, slot_entry, slot_power};
 import package::constants::{GROUP, CHOICE_WOKEN};
 
@@ -29,7 +30,7 @@ fn main(
     let listed = params.first_item + item - params.first_listed;
     if item >= params.items || listed >= all { return; }
     let photon = work[1u + params.first_item + item];
-    let id = identify(params.light, params.first_index + photon);
+    let id = identify(photon);
     // At least 1, since the light shines as before.
     var event = unpack_task(tasks[photon]).touched;
     var before = (event - 1u) * params.photons + photon;

@@ -16,8 +16,8 @@ static SOURCES: Dir = include_dir!("$CARGO_MANIFEST_DIR/kernels");
 ///
 /// # Errors
 /// As [`Gpu::open`].
-pub fn open(choice: &AdapterChoice) -> Result<Gpu> {
-    Gpu::open(choice, &LIBRARY)
+pub async fn open(choice: &AdapterChoice) -> Result<Gpu> {
+    Gpu::open(choice, &LIBRARY).await
 }
 
 /// All kernels.
@@ -68,6 +68,7 @@ const KERNELS: &[(&str, &[&str])] = &[
     ("sort_scatter", &[]),
     ("trace", &["nearest", "squares", "float_voxels", "anisotropic", "history", "skip"]),
     ("going", &[]),
+    ("forget", &[]),
     ("layers", &[]),
     ("photon_query", &["points"]),
     ("turns", &[]),

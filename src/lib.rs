@@ -15,7 +15,8 @@
 //! scene.scale(scene::Scale::Small);
 //! scene.settle(&volume);
 //!
-//! let gpu = photogram::open(&gpu::AdapterChoice::Best)?;
+//! // Opening is `async`, for browsers; any executor will do.
+//! let gpu = pollster::block_on(photogram::open(&gpu::AdapterChoice::Best))?;
 //! let mut frame = measure::fresh(&gpu, &scene, &volume)?;
 //! frame.rebuild(&gpu, &split::Split::default(), &mut gpu::Progress::silent())?;
 //!

@@ -51,7 +51,7 @@ fn an_edit_that_changes_no_entry_visits_nothing() {
 /// own: other tests work on theirs.
 #[test]
 fn times_of_phases_begin_anew_with_every_update() {
-    let gpu = photogram::open(&AdapterChoice::Best).expect("an adapter");
+    let gpu = pollster::block_on(photogram::open(&AdapterChoice::Best)).expect("an adapter");
     let (scene, volume) = world(Estimator::Points, Weighting::Even, Filter::Linear);
     let mut frame = measure::fresh(&gpu, &scene, &volume).expect("fits");
     let mut times = |rebuilds| {

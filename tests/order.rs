@@ -74,7 +74,7 @@ fn order_of_work_changes_no_bit() {
 
 #[test]
 fn slices_of_any_length_give_the_same_bits() {
-    let hasty = photogram::open(&AdapterChoice::Best).expect("an adapter");
+    let hasty = pollster::block_on(photogram::open(&AdapterChoice::Best)).expect("an adapter");
     hasty.set_slice_budget(Duration::from_micros(200));
     for (label, scene, volume) in scenes() {
         let plain = rebuild(gpu(), &scene, &volume, &Split::default());
@@ -87,7 +87,7 @@ fn slices_of_any_length_give_the_same_bits() {
 #[test]
 fn updates_in_slices_leave_what_a_rebuild_leaves() {
     const EDITS: u64 = 8;
-    let hasty = photogram::open(&AdapterChoice::Best).expect("an adapter");
+    let hasty = pollster::block_on(photogram::open(&AdapterChoice::Best)).expect("an adapter");
     hasty.set_slice_budget(Duration::from_micros(20));
     let plain = Split::default();
     for (label, mut scene, volume) in scenes() {

@@ -94,7 +94,12 @@ fn tables_have_all_interactions_in_the_buckets_of_their_cells() {
         ("plain", radius, plain, 1),
         ("batches", radius, Split { batch_photons: Some(200), ..plain }, 1),
         ("tables", radius, Split { batch_photons: Some(200), table_slots: Some(2500), ..plain }, 3),
-        ("a table for each", radius, Split { table_slots: Some(1), ..plain }, 2),
+        (
+            "a table for each",
+            radius,
+            Split { batch_photons: Some(600), table_slots: Some(1), ..plain },
+            2,
+        ),
         ("merged", radius, Split { anew: Some(false), ..plain }, 1),
         ("anew", radius, Split { anew: Some(true), ..plain }, 1),
         ("many cells", least, plain, 1),
@@ -193,7 +198,7 @@ fn a_point_or_a_bucket_elsewhere_is_seen() {
     assert_eq!(fault(&other, &expected, &grid), Some("other points"));
 }
 
-/// At paper size: 512 cells along each edge, of which most are empty, and about a million points.
+/// At paper size: 512 cells along the longest edge, of which most are empty, and about a million points.
 #[test]
 fn a_million_points_in_many_cells_lie_in_their_own() {
     let (mut scene, volume) = world(Estimator::Points, Weighting::Plain, Filter::Linear);
@@ -211,4 +216,14 @@ fn a_million_points_in_many_cells_lie_in_their_own() {
     let tested = [&one, &other].map(|frame| frame.counts(gpu()).expect("reads").gathered);
     assert!(tested[0] > 0 && tested[0] == tested[1], "{tested:?}");
     assert_eq!(compare(gpu(), &one, &other).expect("reads").all(), 0);
+    // And as many as where each cell has a bucket of its own: they are no cube, so that those fit.
+    let dense = Split { buckets: Some(u32::MAX), ..Split::default() };
+    let both = [frame(&scene, &volume, &dense), one];
+    let tested = both.each_ref().map(|frame| frame.counts(gpu()).expect("reads").gathered);
+    assert!(tested[0] > 0 && tested[0] == tested[1], "{tested:?}");
+    let buckets = both.each_ref().map(|frame| {
+        let points = frame.field.points().expect("points were asked for");
+        points.read(gpu()).expect("reads")[0].cells.len()
+    });
+    assert!(buckets[0] > 2 * buckets[1], "{buckets:?}: both are hashed, or none is");
 }

@@ -10,6 +10,7 @@ use common::snapshot::{rebuild, snapshot};
 use common::world::world;
 use common::{gpu, path, settled};
 use photogram::device_scene::DeviceScene;
+use photogram::gpu::read::Words;
 use photogram::gpu::{AdapterChoice, Gpu, Progress, adapters};
 use photogram::kernels::LIBRARY;
 use photogram::scene::{Estimator, Filter, Scale, Scene, Weighting};
@@ -23,7 +24,7 @@ const BUDGET: Duration = Duration::from_micros(300);
 const FIELDS: [Estimator; 2] = [Estimator::Fluence, Estimator::Points];
 
 fn own_gpu() -> Gpu {
-    photogram::open(&AdapterChoice::Best).expect("an adapter")
+    pollster::block_on(photogram::open(&AdapterChoice::Best)).expect("an adapter")
 }
 
 /// So many photons and pixels that stages are longer than a step.
@@ -130,7 +131,10 @@ fn without_a_clock() -> Gpu {
     let device = pollster::block_on(adapter.request_device(&Default::default()));
     let (device, queue) = device.expect("a device");
     let name = adapter.get_info().name;
-    let report = adapters().expect("adapters").into_iter().find(|report| report.name == name);
+    let report = pollster::block_on(adapters())
+        .expect("adapters")
+        .into_iter()
+        .find(|report| report.name == name);
     Gpu::from_device(device, queue, report.expect("it is listed"), &LIBRARY)
 }
 
@@ -154,6 +158,38 @@ fn a_device_without_a_clock_gives_the_same_bits() {
         }
         let now = snapshot(&own, &frame).without_histories();
         let fresh = rebuild(gpu(), &scene, &volume, &Split::default()).without_histories();
+        assert_eq!(now.difference(&fresh), None, "{estimator}");
+    }
+}
+
+/// Nor is any time known then; slices are as long as they were.
+#[test]
+fn a_device_that_times_nothing_gives_the_same_bits() {
+    let own = own_gpu();
+    for estimator in FIELDS {
+        let (mut scene, volume) = larger_world(estimator);
+        let mut frame = begun(&own, &scene, &volume);
+        let silent = &mut Progress::silent();
+        frame.rebuild(&own, &Split::default(), silent).expect("rebuilds");
+        assert!(!own.take_timings().expect("a clock").rows().is_empty());
+        own.set_timed(false);
+        scene.materials[1].extinction *= 0.7;
+        frame.edit(&own, &scene, &Split::default()).expect("applies");
+        // As a browser would: nobody is blocked.
+        let (split, before) = (Split::default(), own.effort());
+        let updated = frame.updated(&own, &split, BUDGET, silent);
+        let done = pollster::block_on(updated).expect("updates");
+        let effort = own.effort().since(before);
+        assert!(done.finished && done.counts.changed > 0, "{estimator}: {done:?}");
+        assert_eq!((effort.waits, effort.paced), (0, 0), "{estimator}");
+        assert!(own.take_timings().expect("a clock").rows().is_empty());
+        own.set_timed(true);
+        let batch = &frame.map.batches[0];
+        let asked = own.ask("test", &[Words::first(&batch.states)]).expect("asks");
+        let answer = pollster::block_on(own.answer::<u32>(asked)).expect("answers");
+        assert_eq!(answer, own.read::<u32>("test", &batch.states).expect("reads")[..1]);
+        let now = snapshot(&own, &frame).without_histories();
+        let fresh = rebuild(gpu(), &scene, &volume, &split).without_histories();
         assert_eq!(now.difference(&fresh), None, "{estimator}");
     }
 }

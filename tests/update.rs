@@ -146,6 +146,9 @@ struct Coverage {
     carried: [u64; 2],
     /// Updates of several batches of one light.
     batches: u64,
+    /// Of batches of several lights, and of those with photons of lights that were gone.
+    shared: u64,
+    idle: u64,
     /// Updates of several tables of points, and of one that has several batches.
     tables: [u64; 2],
 }
@@ -214,7 +217,10 @@ impl Coverage {
             let passed = f32::from_bits(segment[3]);
             self.segments[usize::from(passed < 1.0) + usize::from(passed == 0.0)] += 1;
         }
-        self.batches += u64::from(frame.map.batches.iter().any(|b| b.first_index > 0));
+        let quotas = || frame.map.batches.iter().map(|batch| &batch.quotas);
+        self.batches += u64::from(quotas().flatten().any(|quota| quota.first_index > 0));
+        self.shared += u64::from(quotas().any(|all| all.len() > 1));
+        self.idle += u64::from(quotas().flatten().any(|quota| quota.light.is_none()));
         if let Some(points) = frame.field.points() {
             self.tables[0] += u64::from(points.tables() > 1);
             self.tables[1] += u64::from(points.tables() < frame.map.batches.len());
@@ -243,6 +249,8 @@ impl Coverage {
         assert!(self.long_lists.iter().all(|&n| n > edits / 20), "{:?}", self.long_lists);
         assert!(self.carried.iter().all(|&n| n > edits / 50), "few sums carried");
         assert!(self.batches > edits / 10, "few lights had several batches");
+        assert!(self.shared > edits / 10, "few batches were of several lights");
+        assert!(self.idle > edits / 100, "few lights left photons behind");
         assert!(self.tables.iter().all(|&n| n > edits / 20), "{:?}", self.tables);
         assert!(self.changed < self.listed, "nothing was listed in vain");
     }
@@ -316,7 +324,7 @@ fn deposits_left_behind_turn_it_red() {
         let mut frame = frame(&scene, &volume, &Split::default());
         let fluence = frame.field.fluence().expect("fluence was asked for");
         let batch = &frame.map.batches[0];
-        let flights = frame.map.flights(batch);
+        let flights = frame.map.flights(batch, 0..batch.photons);
         let counters = CounterBuffer::new(gpu()).expect("fits");
         let silent = &mut Progress::silent();
         let cx = Context { gpu: gpu(), scene: &frame.scene, counters: &counters };

@@ -1,7 +1,7 @@
 // What a photon does between two slots: it leaves its light, or the interaction before.
 
-import package::shared::light::lights;
 import package::shared::phase::{uniform_direction, sample_phase};
+import package::shared::quota::Identity;
 import package::shared::random::{draw, unit, unit4, FOR_SCATTER};
 import package::shared::scene::{optics_of, shading};
 import package::constants::CHANGE_FALLEN;
@@ -10,8 +10,6 @@ import package::shared::slot::{
 };
 
 struct PhotonParams {
-    light: u32,            // which light the batch belongs to
-    first_index: u32,      // the light's photon that is the batch's first
     photons: u32,          // in the batch
     max_events: u32,
     first_item: u32,       // of this dispatch
@@ -23,12 +21,10 @@ struct PhotonParams {
     risen: vec2<u32>,      // bins where a flight may be stopped that was not
     first_event: u32,      // the window of events that a dispatch traces, from where each photon
     stop_event: u32,       // resumes
-    relit: u32,            // 1: the light's power changed
     roulette_gain: u32,    // 1 / roulette_survival: this / 2^18 * 2^doublings
     roulette_doublings: i32,
     blocks: u32,           // of marks of photons that changed
-    pad0: u32,
-    pad1: u32,
+    pad: u32,
 }
 
 // How many photons a part of the work list has, which has so many in all. The journal has as many
@@ -67,17 +63,6 @@ fn is_invalid(state: vec4<u32>, risen: vec2<u32>) -> bool {
     let fallen = optics_of(slot_entry(state)).changes & CHANGE_FALLEN;
     return any((state.zw & risen) != vec2<u32>(0u))
         || (slot_kind(state) == INTERACTION && fallen != 0u);
-}
-
-// A photon's own random stream and its index among those of its light, whatever the batch.
-struct Identity {
-    light: u32,
-    stream: u32,
-    index: u32,
-}
-
-fn identify(light: u32, index: u32) -> Identity {
-    return Identity(light, lights.all[light].stream, index);
 }
 
 // Implicit capture: the weight takes the albedo; past a given event a roulette with a

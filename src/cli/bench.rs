@@ -24,7 +24,7 @@ pub fn run_bench(adapter: &AdapterChoice, args: &BenchArgs) -> Result<()> {
             args.out.display()
         );
     }
-    let gpu = photogram::open(adapter)?;
+    let gpu = pollster::block_on(photogram::open(adapter))?;
     let effort = Effort { scale: args.scale, runs: args.runs.into() };
     let report = with_progress(|progress| match args.what {
         What::Table1 => measure::table1::run(&gpu, effort, progress),

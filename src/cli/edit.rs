@@ -57,7 +57,7 @@ pub fn run_edit(adapter: &AdapterChoice, args: &EditArgs) -> Result<()> {
         })?;
     }
     warn_of_materials(&scenes, &volume);
-    let gpu = photogram::open(adapter)?;
+    let gpu = pollster::block_on(photogram::open(adapter))?;
     let mut frame = with_progress(|progress| {
         warm(&gpu, &scenes[0], &volume, progress)?;
         let mut frame = measure::fresh(&gpu, &scenes[0], &volume)?;
@@ -210,7 +210,7 @@ pub fn run_demo(adapter: &AdapterChoice, out: &Path, json: Option<&Path>) -> Res
         demo::names()?.iter().map(|name| out.join(format!("{name}.png"))).collect();
     let written: Vec<_> = pictures.iter().map(|path| Some(path.as_path())).chain([json]).collect();
     check_places(&written, &[])?;
-    let gpu = photogram::open(adapter)?;
+    let gpu = pollster::block_on(photogram::open(adapter))?;
     say(format_args!("adapter: {} ({})", gpu.report().name, gpu.report().kind))?;
     let shots = with_progress(|progress| demo::run(&gpu, progress))?;
     for (shot, path) in shots.iter().zip(&pictures) {

@@ -12,7 +12,7 @@ use super::scene::is_scene;
 use super::{check_unread, say, warn_of, warn_of_materials, write_json};
 
 pub fn list_adapters(json: Option<&Path>) -> Result<()> {
-    let adapters = gpu::adapters()?;
+    let adapters = pollster::block_on(gpu::adapters())?;
     let mut table = Table::new();
     table.load_style(presets::NOTHING).set_header([
         "",

@@ -29,7 +29,7 @@ pub fn run_render(adapter: &AdapterChoice, args: &RenderArgs) -> Result<()> {
     }
     scene.check_against(&volume)?;
     warn_of_materials([&scene], &volume);
-    let gpu = photogram::open(adapter)?;
+    let gpu = pollster::block_on(photogram::open(adapter))?;
     let rendered =
         with_progress(|progress| render(&gpu, &scene, &volume, &Split::default(), progress))?;
     let report = &rendered.report;

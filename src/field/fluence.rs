@@ -60,10 +60,6 @@ shared_struct! {
         pub grid: [u32; 3],
         /// Scale of the sums.
         pub scale: f32,
-        /// Which light the batch belongs to.
-        pub light: u32,
-        /// The light's photon that is the batch's first.
-        pub first_index: u32,
         /// Slots of a photon.
         pub max_events: u32,
         /// One of [`Deposit`].
@@ -72,8 +68,12 @@ shared_struct! {
         pub first_item: u32,
         /// Items of this dispatch.
         pub items: u32,
-        /// Photons in the batch.
+        /// Photons that are summed, where none are chosen.
         pub photons: u32,
+        /// The first of them.
+        pub first_photon: u32,
+        /// Photons in the batch.
+        pub stride: u32,
         /// 1 where the photons are those chosen of a part, not all.
         pub is_chosen: u32,
         /// 1 where the slots are those of the journal.
@@ -224,7 +224,8 @@ impl Fluence {
                 Some(when) => Total::Told(Told::known(slots, when.clone())),
                 None => Total::Known(slots.into()),
             };
-            self.deposit(cx, &map.flights(batch), Deposit::Add, total, progress)?;
+            let flights = map.flights(batch, 0..batch.photons);
+            self.deposit(cx, &flights, Deposit::Add, total, progress)?;
         }
         let mut stage = cx.gpu.stage("deposit");
         cx.counters.unchoose(&mut stage, &[Choice::Anew]);
@@ -249,11 +250,11 @@ impl Fluence {
         let all = DepositParams {
             grid: self.grid,
             scale: self.scale,
-            light: flights.light,
-            first_index: flights.first_index,
             max_events: flights.max_events,
             mode: mode as u32,
-            photons: flights.photons,
+            photons: flights.photons.len() as u32,
+            first_photon: flights.photons.start,
+            stride: flights.stride,
             in_journal: flights.in_journal.into(),
             is_chosen: flights.chosen.is_some().into(),
             ..Default::default()
@@ -332,15 +333,14 @@ impl LightField for Fluence {
         Follows::Photons
     }
 
-    fn withdraw(&mut self, cx: Context, map: &PhotonMap, batch: usize) -> Result<()> {
+    fn withdraw(&mut self, cx: Context, flights: &Flights) -> Result<()> {
         // Sums that are not current begin anew.
         if !self.current {
             return Ok(());
         }
-        let batch = &map.batches[batch];
-        let total = Total::Known(u64::from(batch.photons) * u64::from(map.max_events));
+        let slots = flights.photons.len() as u64 * u64::from(flights.max_events);
         let progress = &mut Progress::silent();
-        self.deposit(cx, &map.flights(batch), Deposit::Remove, total, progress)
+        self.deposit(cx, flights, Deposit::Remove, Total::Known(slots), progress)
     }
 
     fn begin(&mut self, cx: Context, map: &PhotonMap, request: &Request) -> Result<()> {
@@ -372,7 +372,7 @@ impl LightField for Fluence {
         }
         map.choose(cx.gpu, part)?;
         let (chosen, old) = (map.chosen_flights(part), map.journaled_flights(part));
-        let relit = map.batches[part.batch].relit;
+        let relit = map.batches[part.batch].is_relit();
         let told = ChoiceParams { is_traced: relit.into(), ..Default::default() };
         self.tell_choice(cx, map.chosen(), told)?;
         let mut deposit = |flights: Flights, mode, some: &[Choice], none: &[Choice]| {

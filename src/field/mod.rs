@@ -17,7 +17,7 @@ use crate::gpu::read::Words;
 use crate::gpu::resource::Bindings;
 use crate::gpu::{Gpu, Progress};
 use crate::history::Query;
-use crate::photon::{Follows, Part, PhotonMap};
+use crate::photon::{Flights, Follows, Part, PhotonMap};
 use crate::scene::{Estimator, Settings};
 use crate::split::Split;
 use crate::transfer::Table;
@@ -81,11 +81,11 @@ pub trait LightField {
     /// An edit or a rebuild begins: work is counted from here on.
     fn count_anew(&mut self) {}
 
-    /// The photons of a batch, all of them listed, are about to be forgotten.
+    /// Photons with these flights are about to be forgotten.
     ///
     /// # Errors
     /// The device failed.
-    fn withdraw(&mut self, _cx: Context, _map: &PhotonMap, _batch: usize) -> Result<()> {
+    fn withdraw(&mut self, _cx: Context, _flights: &Flights) -> Result<()> {
         Ok(())
     }
 

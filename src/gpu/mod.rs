@@ -126,6 +126,7 @@ pub struct Gpu {
     slice_budget: Mutex<Duration>,
     phase: AtomicUsize,
     is_stepped: AtomicBool,
+    is_timed: AtomicBool,
 }
 
 /// Work that another thread left half-done is still data: a poisoned lock is entered.
@@ -170,8 +171,8 @@ fn describe(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
     }
 }
 
-fn found() -> Result<Vec<wgpu::Adapter>> {
-    let found = pollster::block_on(instance().enumerate_adapters(wgpu::Backends::all()));
+async fn found() -> Result<Vec<wgpu::Adapter>> {
+    let found = instance().enumerate_adapters(wgpu::Backends::all()).await;
     match found.is_empty() {
         false => Ok(found),
         true => Err(Error::Adapter {
@@ -187,8 +188,8 @@ fn found() -> Result<Vec<wgpu::Adapter>> {
 ///
 /// # Errors
 /// There is none.
-pub fn adapters() -> Result<Vec<AdapterReport>> {
-    Ok(found()?.iter().enumerate().map(|(index, adapter)| describe(index, adapter)).collect())
+pub async fn adapters() -> Result<Vec<AdapterReport>> {
+    Ok(found().await?.iter().enumerate().map(|(index, adapter)| describe(index, adapter)).collect())
 }
 
 impl Gpu {
@@ -196,8 +197,8 @@ impl Gpu {
     ///
     /// # Errors
     /// No adapter, none of that name or index, or one below WebGPU's default limits.
-    pub fn open(choice: &AdapterChoice, library: &'static Library) -> Result<Self> {
-        let adapters = found()?;
+    pub async fn open(choice: &AdapterChoice, library: &'static Library) -> Result<Self> {
+        let adapters = found().await?;
         let index = match choice {
             AdapterChoice::Best => {
                 (0..adapters.len()).min_by_key(|&i| kind(&adapters[i].get_info()).1)
@@ -233,7 +234,7 @@ impl Gpu {
             required_limits: limits,
             ..Default::default()
         });
-        let (device, queue) = pollster::block_on(request).map_err(|e| Error::Adapter {
+        let (device, queue) = request.await.map_err(|e| Error::Adapter {
             what: format!("adapter {index} ({}) refuses WebGPU's default limits: {e}", report.name),
         })?;
         Ok(Self::from_device(device, queue, report, library))
@@ -286,6 +287,7 @@ impl Gpu {
             given: AtomicU32::new(0),
             phase: AtomicUsize::new(0),
             is_stepped: AtomicBool::new(false),
+            is_timed: AtomicBool::new(true),
             device,
             queue,
             report,
@@ -330,6 +332,16 @@ impl Gpu {
 
     pub(super) fn is_stepped(&self) -> bool {
         self.is_stepped.load(Ordering::Relaxed)
+    }
+
+    /// Has the device time what is dispatched from now on, or not, if it can: it does to begin with.
+    /// Untimed slices are as long as they were when the last was timed.
+    pub fn set_timed(&self, is_timed: bool) {
+        self.is_timed.store(is_timed, Ordering::Relaxed);
+    }
+
+    pub(super) fn is_timed(&self) -> bool {
+        self.tick.is_some() && self.is_timed.load(Ordering::Relaxed)
     }
 
     /// Has the times of what is recorded from now on summed as this phase, below

@@ -210,7 +210,7 @@ impl Player {
         let offsets = if told.is_some() { &[offset][..] } else { &[] };
         self.told.extend(told.into_iter().flatten());
         self.told.resize(self.told.len().next_multiple_of(UNIFORM), 0);
-        if gpu.tick.is_some() && self.stamps.is_none() {
+        if gpu.is_timed() && self.stamps.is_none() && self.timed.is_empty() {
             self.stamps = Some(gpu.spare_stamps());
         }
         let queries = self.stamps.as_ref().map(|stamps| stamps.queries.clone());

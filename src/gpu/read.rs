@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
+use std::task::Poll;
 
 use super::queue::{ANSWERED, ASKED, Command};
 use super::resource::Bytes;
@@ -32,6 +33,19 @@ pub struct Reading {
     staging: wgpu::Buffer,
     bytes: u64,
     answer: Arc<AtomicU8>,
+}
+
+/// Lets others on who wait on the same thread.
+pub async fn others_first() {
+    let mut were_asked = false;
+    std::future::poll_fn(|context| {
+        if std::mem::replace(&mut were_asked, true) {
+            return Poll::Ready(());
+        }
+        context.waker().wake_by_ref();
+        Poll::Pending
+    })
+    .await;
 }
 
 /// Bytes that are read through a buffer that stays.
@@ -101,6 +115,19 @@ impl Gpu {
             self.poll(reading.stage)?;
         }
         Ok(())
+    }
+
+    /// The answer, when it is there: nobody is blocked. (Where no browser does so, whoever awaits it
+    /// asks the device again and again.)
+    ///
+    /// # Errors
+    /// The device failed.
+    pub async fn answer<T: bytemuck::Pod>(&self, reading: Reading) -> Result<Vec<T>> {
+        self.submit()?;
+        while !self.is_answered(&reading)? {
+            others_first().await;
+        }
+        self.taken(reading)
     }
 
     /// The answer, which is there.

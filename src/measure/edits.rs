@@ -204,15 +204,10 @@ impl Begun {
 /// The device failed.
 pub fn compare(gpu: &Gpu, one: &PhotonFrame, other: &PhotonFrame) -> Result<Mismatches> {
     let mut found = Mismatches::default();
-    found.photon_mismatches += one.map.batches.len().abs_diff(other.map.batches.len()) as u64;
-    for (a, b) in one.map.batches.iter().zip(&other.map.batches) {
-        let read = |buffer| gpu.read::<[u32; 4]>("verify", buffer);
-        let (p, q) = (read(&a.places)?, read(&b.places)?);
-        let (s, t) = (read(&a.states)?, read(&b.states)?);
-        let same = |i: usize| p[i] == q[i] && s[i][..2] == t[i][..2];
-        found.photon_mismatches += p.len().abs_diff(q.len()) as u64;
-        found.photon_mismatches += (0..p.len().min(q.len())).filter(|&i| !same(i)).count() as u64;
-    }
+    let (a, b) = (one.map.read(gpu)?, other.map.read(gpu)?);
+    let differ = |(a, b): &([[u32; 4]; 2], [[u32; 4]; 2])| a[0] != b[0] || a[1][..2] != b[1][..2];
+    found.photon_mismatches += a.len().abs_diff(b.len()) as u64;
+    found.photon_mismatches += a.into_iter().zip(b).filter(differ).count() as u64;
     found.field_mismatches = one.field.differing(gpu, &*other.field)?;
     let segments = |frame: &PhotonFrame| -> Result<Vec<Segment>> {
         let mut all = frame.segments.read(gpu)?;

@@ -139,7 +139,7 @@ impl PhotonMap {
         progress: &mut Progress,
     ) -> Result<()> {
         let Context { gpu, counters, .. } = cx;
-        let relit = self.batches[part.batch].relit;
+        let relit = self.batches[part.batch].is_relit();
         let mut stage = gpu.stage("weigh");
         self.journal.changed.unmark(&mut stage);
         counters.unchoose(&mut stage, &[Choice::Woken]);
@@ -225,7 +225,8 @@ impl PhotonMap {
     pub fn chosen_flights(&self, part: &Part) -> Flights {
         let most = part.listed.len() as u32;
         let told = Told { each: self.max_events, ..Told::of(&self.journal.chosen, most) };
-        Flights { chosen: Some(told), ..self.flights(&self.batches[part.batch]) }
+        let batch = &self.batches[part.batch];
+        Flights { chosen: Some(told), ..self.flights(batch, 0..batch.photons) }
     }
 
     /// The flights that they had, as the journal has them.
@@ -234,6 +235,7 @@ impl PhotonMap {
             ("places", self.journal.places().into()),
             ("states", self.journal.states().into()),
             ("chosen", (&self.journal.chosen).into()),
+            ("quotas", (&self.batches[part.batch].told).into()),
         ];
         Flights { bindings, in_journal: true, ..self.chosen_flights(part) }
     }

@@ -1,8 +1,8 @@
 //! The photon map: slots of an implicit linked list, filled by tracing.
 //!
 //! Event k of photon p lives at slot `k * photons + p` of its batch, in two arrays of
-//! 16 bytes. A batch belongs to one light, so that an edit of a light leaves the photons
-//! of the others where they are. Tracing works over a list of photons; each one's task
+//! 16 bytes. A batch has the photons of several lights side by side, as many as fit a binding: they
+//! are worked on together, and an edit of a light leaves those of the others where they are. Tracing works over a list of photons; each one's task
 //! says from which event on its slots may no longer hold. A full rebuild lists all of them,
 //! from event 0.
 //!
@@ -12,16 +12,18 @@
 //! that is judged invalid is flown again only in the macro-cells and layers of marks in
 //! which the edit can have made a tentative collision real.
 
+mod batch;
 mod journal;
 pub mod probe;
 
 use std::ops::Range;
 use std::sync::Arc;
 
+pub use self::batch::{Batch, ForgetParams, Quota, QuotaRecord, Quotas};
 use self::journal::Journal;
 pub use self::journal::SLOTS as JOURNAL_SLOTS;
 use crate::bits::words;
-use crate::device_scene::lights::Lights;
+use crate::device_scene::lights::{Light, Lights};
 use crate::device_scene::{Context, DeviceScene};
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
@@ -33,7 +35,6 @@ use crate::gpu::queue::Total;
 use crate::gpu::resource::{Bindings, Bytes};
 use crate::gpu::run::Stage;
 use crate::gpu::turns::{Told, When};
-use crate::gpu::work::{WorkList, fill, fill_first};
 use crate::scene::Settings;
 use crate::split::Split;
 
@@ -43,16 +44,9 @@ pub const SLOT_BYTES: u64 = 32;
 /// Events that one dispatch traces: few, so that no thread runs for long.
 const EVENTS_AT_ONCE: u32 = 4;
 
-/// A state that was never computed: empty, with a history of all ones.
-const NEVER: [u32; 4] = [0, 0, u32::MAX, u32::MAX];
-
 shared_struct! {
     /// What the kernels that work on photons are told.
     pub struct PhotonParams {
-        /// Which light the batch belongs to.
-        pub light: u32,
-        /// The light's photon that is the batch's first.
-        pub first_index: u32,
         /// Photons in the batch.
         pub photons: u32,
         /// Slots of a photon.
@@ -75,8 +69,6 @@ shared_struct! {
         pub first_event: u32,
         /// The event before which it stops, from there.
         pub stop_event: u32,
-        /// 1 where the light's power changed.
-        pub relit: u32,
         /// 1 / `roulette_survival`: this / 2^18 * 2^`roulette_doublings`.
         pub roulette_gain: u32,
         /// See `roulette_gain`.
@@ -84,9 +76,7 @@ shared_struct! {
         /// Blocks of marks of photons that changed.
         pub blocks: u32,
         /// Keeps the size a multiple of 16.
-        pub pad0: u32,
-        /// The same.
-        pub pad1: u32,
+        pub pad: u32,
     }
 }
 
@@ -129,104 +119,6 @@ impl State {
     }
 }
 
-/// Photons of one light that fit one binding.
-pub struct Batch {
-    /// The light's stable id.
-    pub light_id: u32,
-    /// The light's place in the scene.
-    pub light: u32,
-    /// The light's photon that is the first here.
-    pub first_index: u32,
-    /// How many.
-    pub photons: u32,
-    /// Position and direction of each slot.
-    pub places: wgpu::Buffer,
-    /// Power, entry, kind and history of each slot.
-    pub states: wgpu::Buffer,
-    /// What is to be done with each photon.
-    pub tasks: wgpu::Buffer,
-    /// The photons to work on.
-    pub list: WorkList,
-    /// Whether it has listed any, that anybody knows of.
-    pub is_listed: bool,
-    /// The light's power changed, and an update has not finished since.
-    pub relit: bool,
-    /// Slots may have changed that the light field does not know of yet.
-    pub stale: bool,
-    /// [`SlotMarks`] of its slots.
-    pub slot_marks: wgpu::Buffer,
-}
-
-impl Batch {
-    fn new(gpu: &Gpu, id: u32, first_index: u32, photons: u32, max_events: u32) -> Result<Self> {
-        let slots = photons as usize * max_events as usize;
-        let batch = Self {
-            light_id: id,
-            light: 0,
-            first_index,
-            photons,
-            places: gpu.buffer::<[u32; 4]>("photon places", slots)?,
-            states: gpu.buffer::<[u32; 4]>("photon states", slots)?,
-            tasks: gpu.buffer::<u32>("photon tasks", photons as usize)?,
-            list: WorkList::new(gpu, photons)?,
-            is_listed: false,
-            relit: false,
-            stale: true,
-            slot_marks: gpu.buffer::<SlotMarks>("slot marks", slots.div_ceil(32))?,
-        };
-        batch.forget(gpu)?;
-        Ok(batch)
-    }
-
-    /// Its resources, by the names that the kernels give them.
-    pub fn bindings(&self) -> Bindings {
-        vec![
-            ("places", (&self.places).into()),
-            ("states", (&self.states).into()),
-            ("tasks", (&self.tasks).into()),
-            ("work", (&self.list.items).into()),
-            ("marks", (&self.list.marks).into()),
-        ]
-    }
-
-    /// Marks every photon as never computed, which its first slot tells.
-    ///
-    /// # Errors
-    /// The device failed.
-    pub fn forget(&self, gpu: &Gpu) -> Result<()> {
-        fill(gpu, "forget", &self.slot_marks, &[u32::MAX])?;
-        let mut stage = gpu.stage("forget");
-        stage.clear(&self.places);
-        stage.clear(&self.states);
-        stage.finish()?;
-        let first = self.photons * NEVER.len() as u32;
-        fill_first(gpu, "forget", &self.states, first, &NEVER)
-    }
-
-    /// The light field knows all slots as they are.
-    ///
-    /// # Errors
-    /// The device failed.
-    pub fn unmark(&mut self, gpu: &Gpu) -> Result<()> {
-        if std::mem::take(&mut self.stale) {
-            let mut stage = gpu.stage("slot marks");
-            stage.clear(&self.slot_marks);
-            stage.finish()?;
-        }
-        Ok(())
-    }
-
-    /// Lists every photon, with a task from event 0.
-    ///
-    /// # Errors
-    /// The device failed.
-    pub fn list_all(&mut self, gpu: &Gpu, shuffle: Option<u64>) -> Result<()> {
-        let mut stage = gpu.stage("list");
-        stage.clear(&self.tasks);
-        self.list.fill(stage, shuffle)
-    }
-}
-
 /// What a light field wants to be told of photons that change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Follows {
@@ -245,20 +137,18 @@ pub struct Part {
     pub listed: Range<u32>,
 }
 
-/// Flights to be added to a light field or taken out of it: of all photons of a batch, or of those
-/// of a part that changed.
+/// Flights to be added to a light field or taken out of it: of photons of a batch that lie side by
+/// side, or of those of a part that changed.
 #[derive(Clone)]
 pub struct Flights {
     /// Slots, and the photons that are chosen, by the names that kernels give them.
     pub bindings: Bindings,
-    /// Which light the batch belongs to.
-    pub light: u32,
-    /// The light's photon that is the batch's first.
-    pub first_index: u32,
     /// Slots of a photon.
     pub max_events: u32,
+    /// Photons that are summed, where none are chosen.
+    pub photons: Range<u32>,
     /// Photons in the batch.
-    pub photons: u32,
+    pub stride: u32,
     /// Of those that are chosen: how many, as the device has it.
     pub chosen: Option<Told>,
     /// Whether the slots are those that the journal keeps.
@@ -275,11 +165,13 @@ impl Flights {
 
 /// All photons, in batches.
 pub struct PhotonMap {
-    /// The batches, in the order of the scene's lights.
+    /// The batches.
     pub batches: Vec<Batch>,
     /// Slots of each photon.
     pub max_events: u32,
     most: u32,
+    /// Batches that were ever made.
+    made: u32,
     journal: Journal,
     /// What is told of every batch; `risen` is that of the query that listed last.
     params: PhotonParams,
@@ -338,6 +230,7 @@ impl PhotonMap {
             batches: Vec::new(),
             max_events,
             most,
+            made: 0,
             journal: Journal::new(gpu, max_events, split)?,
             params: PhotonParams {
                 max_events,
@@ -354,7 +247,7 @@ impl PhotonMap {
             pace: Pace::new(gpu, 1 << 14),
             events_at_once: EVENTS_AT_ONCE,
         };
-        map.arrange(gpu, &scene.lights, ids)?;
+        map.arrange(gpu, &scene.lights, ids, false)?;
         Ok(map)
     }
 
@@ -367,31 +260,40 @@ impl PhotonMap {
         Ok(())
     }
 
-    /// Gives every light its batches: those that it had, else new ones, never computed.
-    /// Batches of lights that are gone go too.
+    /// Gives every light its photons: those that it had, else new ones, never computed. Those of lights
+    /// that are gone stay idle, for as long as others of their batch are in use; `tidies` where nothing
+    /// needs to be kept.
     ///
     /// # Errors
     /// The device refuses the memory.
-    pub fn arrange(&mut self, gpu: &Gpu, lights: &Lights, ids: &[u32]) -> Result<()> {
-        let mut before = std::mem::take(&mut self.batches);
-        for (light, (&id, record)) in (0..).zip(ids.iter().zip(&lights.all)) {
-            let (own, others) = before.into_iter().partition::<Vec<_>, _>(|b| b.light_id == id);
-            before = others;
-            let held: u32 = own.iter().map(|b| b.photons).sum();
-            let mut own = if held == record.photons { own } else { Vec::new() };
-            if own.is_empty() {
-                // Even batches: the last is no smaller than it must be.
-                let each = record.photons.div_ceil(record.photons.div_ceil(self.most).max(1));
-                for first in (0..record.photons).step_by(each.max(1) as usize) {
-                    let photons = each.min(record.photons - first);
-                    own.push(Batch::new(gpu, id, first, photons, self.max_events)?);
-                }
+    pub fn arrange(&mut self, gpu: &Gpu, lights: &Lights, ids: &[u32], tidies: bool) -> Result<()> {
+        let wanted = || (0..).zip(ids.iter().zip(&lights.all));
+        for Batch { quotas, stale, .. } in &mut self.batches {
+            for quota in quotas {
+                let is_its = |(_, (id, record)): &(u32, (&u32, &Light))| {
+                    (**id, record.photons) == (quota.light_id, quota.of)
+                };
+                let light = wanted().find(is_its).map(|(light, _)| light);
+                // Those that are in use again are to be listed.
+                *stale |= quota.light.is_none() && light.is_some();
+                quota.light = light;
             }
-            for batch in &mut own {
-                batch.light = light;
-            }
-            self.batches.append(&mut own);
         }
+        let is_idle = |batch: &Batch| batch.quotas.iter().all(|quota| quota.light.is_none());
+        self.batches.retain(|batch| !is_idle(batch));
+        self.forfeit();
+        let fewest = lights.photons.div_ceil(self.most) as usize;
+        let has_idle = self.batches.iter().flat_map(|b| &b.quotas).any(|q| q.light.is_none());
+        if tidies && (has_idle || self.batches.len() > fewest) {
+            self.batches.clear();
+        }
+        let missing = wanted().filter(|(_, (id, record))| !self.has(**id, record.photons));
+        let missing = missing.map(|(light, (&id, record))| (light, id, record.photons));
+        for quotas in batch::dealt(&missing.collect::<Vec<_>>(), self.most) {
+            self.made += 1;
+            self.batches.push(Batch::new(gpu, self.made, quotas, self.max_events)?);
+        }
+        self.batches.iter_mut().try_for_each(|batch| batch.tell(gpu))?;
         let largest = self.batches.iter().map(|b| b.photons).max().unwrap_or(0);
         for going in &mut self.going {
             if going.size() < 4 * (u64::from(largest) + 1) {
@@ -399,6 +301,35 @@ impl PhotonMap {
             }
         }
         self.journal.reserve(gpu, largest)
+    }
+
+    /// Photons of a light of which others went with their batch will never be in use again.
+    fn forfeit(&mut self) {
+        let quotas = || self.batches.iter().flat_map(|batch| &batch.quotas);
+        let key = |quota: &Quota| (quota.light_id, quota.of);
+        let whole = |of: &Quota| {
+            let own = quotas().filter(|quota| key(quota) == key(of));
+            own.map(|quota| quota.photons.len() as u32).sum::<u32>() == of.of
+        };
+        let whole = quotas().map(whole).collect::<Vec<_>>();
+        let quotas = self.batches.iter_mut().flat_map(|batch| &mut batch.quotas);
+        quotas.zip(whole).filter(|(_, whole)| !whole).for_each(|(quota, _)| quota.of = 0);
+    }
+
+    /// Whether a light of so many photons has slots for them.
+    pub fn has(&self, light_id: u32, photons: u32) -> bool {
+        let mut all = self.batches.iter().flat_map(|batch| &batch.quotas);
+        all.any(|quota| (quota.light_id, quota.of) == (light_id, photons))
+    }
+
+    /// Where the photons of all lights are, light by light and in their order there: batches, and the
+    /// quotas in them.
+    pub fn in_order(&self) -> Vec<(&Batch, &Quota)> {
+        let of = |batch| move |quota| (batch, quota);
+        let all = self.batches.iter().flat_map(|batch| batch.quotas.iter().map(of(batch)));
+        let mut all = all.filter(|(_, quota)| quota.light.is_some()).collect::<Vec<_>>();
+        all.sort_by_key(|(_, quota)| (quota.light, quota.first_index));
+        all
     }
 
     /// Lists the photons of a batch that an edit touches. Where a
@@ -409,7 +340,7 @@ impl PhotonMap {
     pub fn list(&mut self, cx: Context, batch: usize, risen: u64, follows: Follows) -> Result<()> {
         self.params.risen = words(risen);
         let batch = &self.batches[batch];
-        let params = PhotonParams { relit: batch.relit.into(), ..self.params(batch) };
+        let params = self.params(batch);
         let mut bindings = [cx.scene.bindings(), batch.bindings()].concat();
         bindings.extend([
             ("counters", cx.counters.buffer().into()),
@@ -423,13 +354,7 @@ impl PhotonMap {
 
     /// What the kernels are told about a batch.
     pub fn params(&self, batch: &Batch) -> PhotonParams {
-        PhotonParams {
-            light: batch.light,
-            first_index: batch.first_index,
-            photons: batch.photons,
-            listed: batch.photons,
-            ..self.params
-        }
+        PhotonParams { photons: batch.photons, listed: batch.photons, ..self.params }
     }
 
     /// Whether a driver that ended loops may not do so where fewer events are traced at once; has
@@ -512,21 +437,48 @@ impl PhotonMap {
         cx.gpu.sliced("trace", total, &self.pace, work, progress)
     }
 
-    /// The flights of all photons of a batch.
-    pub fn flights(&self, batch: &Batch) -> Flights {
+    /// The flights of photons of a batch.
+    pub fn flights(&self, batch: &Batch, photons: Range<u32>) -> Flights {
         Flights {
             bindings: vec![
                 ("places", (&batch.places).into()),
                 ("states", (&batch.states).into()),
                 ("chosen", self.journal.chosen().into()),
+                ("quotas", (&batch.told).into()),
             ],
-            light: batch.light,
-            first_index: batch.first_index,
             max_events: self.max_events,
-            photons: batch.photons,
+            photons,
+            stride: batch.photons,
             chosen: None,
             in_journal: false,
         }
+    }
+
+    /// The slots of all photons, light by light, photon by photon: place and state of each.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn read(&self, gpu: &Gpu) -> Result<Vec<[[u32; 4]; 2]>> {
+        let mut slots = Vec::new();
+        let mut held = None;
+        for (batch, quota) in self.in_order() {
+            let (number, places, states) = match held.take() {
+                Some((number, places, states)) if number == batch.number => {
+                    (number, places, states)
+                }
+                _ => {
+                    let read = |buffer| gpu.read::<[u32; 4]>("photons", buffer);
+                    (batch.number, read(&batch.places)?, read(&batch.states)?)
+                }
+            };
+            let (stride, events) = (batch.photons as usize, self.max_events as usize);
+            for photon in quota.photons.clone() {
+                let all = (0..events).map(|event| event * stride + photon as usize);
+                slots.extend(all.map(|at| [places[at], states[at]]));
+            }
+            held = Some((number, places, states));
+        }
+        Ok(slots)
     }
 
     /// Bytes of all slots.

@@ -1,6 +1,8 @@
 //! How an edited scene is taken: what differs is noted, for the next update to find what that
 //! touches; what does not depend on other settings is kept.
 
+use std::ops::Range;
+
 use super::anew::{Anew, Parts};
 use super::memory::{self, Making};
 use super::{PhotonFrame, Scope, light_ids};
@@ -80,7 +82,7 @@ impl PhotonFrame {
         if !parts.paths {
             let (bins, majorant) = (&self.scene.bins, self.scene.params.majorant);
             change = Query::between(&self.scene.table, &table, bins, majorant);
-            relit = self.relight(gpu, scene, &lights, split)?;
+            relit = self.relight(gpu, scene, &lights)?;
         }
         if relit {
             // Photons of lights that are gone go, too.
@@ -99,7 +101,7 @@ impl PhotonFrame {
             self.restart();
         }
         self.make_missing(gpu, split)?;
-        self.map.arrange(gpu, &self.scene.lights, &light_ids(&self.source))?;
+        self.map.arrange(gpu, &self.scene.lights, &light_ids(&self.source), false)?;
         let moved = self.segments.look(&self.source, &self.scene)?;
         if parts.dirty || respaced {
             self.segments.restart();
@@ -126,10 +128,7 @@ impl PhotonFrame {
 
     /// Photons that there are no slots for yet.
     fn photons_to_make(&self, scene: &Scene, lights: &Lights, parts: Parts) -> u64 {
-        let has = |id: u32, photons: u32| {
-            let own = self.map.batches.iter().filter(|batch| batch.light_id == id);
-            !parts.slots && own.map(|batch| batch.photons).sum::<u32>() == photons
-        };
+        let has = |id: u32, photons: u32| !parts.slots && self.map.has(id, photons);
         let all = scene.lights.iter().zip(&lights.all);
         all.filter(|(light, record)| !has(light.id, record.photons))
             .map(|(_, record)| u64::from(record.photons))
@@ -162,13 +161,7 @@ impl PhotonFrame {
     /// Applies edits of lights: the photons of those that moved or went are withdrawn, of
     /// those that only shine otherwise noted. Where most would be withdrawn, all is computed
     /// anew. Returns whether any light changed.
-    fn relight(
-        &mut self,
-        gpu: &Gpu,
-        scene: &Scene,
-        lights: &Lights,
-        split: &Split,
-    ) -> Result<bool> {
+    fn relight(&mut self, gpu: &Gpu, scene: &Scene, lights: &Lights) -> Result<bool> {
         let before = self.scene.lights;
         let ids = light_ids(&self.source);
         let mut changed = light_ids(scene) != ids;
@@ -181,40 +174,45 @@ impl PhotonFrame {
                 same_place == *old
             });
             changed |= new != Some(*old);
-            for i in 0..self.map.batches.len() {
-                if self.map.batches[i].light_id != *id {
-                    continue;
-                }
-                match stays {
-                    Some(new) => self.map.batches[i].relit |= new.radiance != old.radiance,
-                    None => withdrawn.push(i),
+            for (i, batch) in self.map.batches.iter_mut().enumerate() {
+                let own =
+                    batch.quotas.iter_mut().filter(|q| q.light.is_some() && q.light_id == *id);
+                for quota in own {
+                    match stays {
+                        Some(new) => quota.relit |= new.radiance != old.radiance,
+                        None => withdrawn.push((i, quota.photons.clone())),
+                    }
                 }
             }
         }
         if self.fresh {
             return Ok(changed);
         }
-        let photons = withdrawn.iter().map(|&i| u64::from(self.map.batches[i].photons));
+        let photons = withdrawn.iter().map(|(_, photons)| photons.len() as u64);
         match 2 * photons.sum::<u64>() > u64::from(before.photons) {
             true => self.restart(),
-            false => withdrawn.into_iter().try_for_each(|i| self.withdraw(gpu, i, split))?,
+            false => withdrawn.into_iter().try_for_each(|(i, of)| self.withdraw(gpu, i, of))?,
         }
         Ok(changed)
     }
 
-    /// Takes the photons of a batch out of the light field, and forgets them.
-    fn withdraw(&mut self, gpu: &Gpu, index: usize, split: &Split) -> Result<()> {
-        self.map.batches[index].list_all(gpu, split.shuffle)?;
+    /// Takes photons of a batch out of the light field, and forgets them.
+    fn withdraw(&mut self, gpu: &Gpu, index: usize, photons: Range<u32>) -> Result<()> {
         let cx = Context { gpu, scene: &self.scene, counters: &self.counters };
-        self.field.withdraw(cx, &self.map, index)?;
         let batch = &mut self.map.batches[index];
-        (batch.stale, batch.relit) = (true, false);
-        batch.forget(gpu)
+        batch.stale = true;
+        batch.quotas.iter_mut().filter(|q| q.photons == photons).for_each(|q| q.relit = false);
+        let batch = &self.map.batches[index];
+        self.field.withdraw(cx, &self.map.flights(batch, photons.clone()))?;
+        batch.forget(gpu, photons)
     }
 
     /// Has the next update compute everything.
     pub(super) fn restart(&mut self) {
-        self.map.batches.iter_mut().for_each(|b| (b.stale, b.relit) = (true, false));
+        for batch in &mut self.map.batches {
+            batch.calm();
+            batch.stale = true;
+        }
         self.segments.restart();
         (self.fresh, self.pending) = (true, true);
     }

@@ -184,7 +184,7 @@ rays = 1
 
     #[test]
     fn what_is_foreseen_is_what_is_made() {
-        let gpu = crate::open(&AdapterChoice::Best).expect("an adapter");
+        let gpu = pollster::block_on(crate::open(&AdapterChoice::Best)).expect("an adapter");
         for estimator in [Estimator::Fluence, Estimator::Points] {
             let (scene, volume) = settled(estimator);
             let split = Split::default();
@@ -219,7 +219,7 @@ rays = 1
 
     #[test]
     fn what_is_refused_allocates_nothing() {
-        let gpu = crate::open(&AdapterChoice::Best).expect("an adapter");
+        let gpu = pollster::block_on(crate::open(&AdapterChoice::Best)).expect("an adapter");
         let Some(free) = gpu.free_bytes() else {
             return eprintln!("skipped: nobody knows what memory of this adapter is free");
         };

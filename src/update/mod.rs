@@ -31,6 +31,7 @@ use crate::field::{self, LightField};
 use crate::gpu::counter::{Choice, CounterBuffer, Counters};
 use crate::gpu::groups::Groups;
 use crate::gpu::queue::Play;
+use crate::gpu::read::others_first;
 use crate::gpu::{Gpu, Progress};
 use crate::history::Query;
 use crate::photon::PhotonMap;
@@ -294,6 +295,25 @@ impl PhotonFrame {
         gpu.set_stepped(false);
         gpu.set_slice_budget(before);
         result
+    }
+
+    /// An update in steps, each of about `budget`, that lets others on between them and blocks nobody.
+    ///
+    /// # Errors
+    /// As [`Self::update`].
+    pub async fn updated(
+        &mut self,
+        gpu: &Gpu,
+        split: &Split,
+        budget: Duration,
+        progress: &mut Progress<'_>,
+    ) -> Result<Updated> {
+        loop {
+            if let Step::Done(done) = self.step(gpu, split, budget, progress)? {
+                return Ok(*done);
+            }
+            others_first().await;
+        }
     }
 
     /// Whether steps of an update are to come.

@@ -128,7 +128,7 @@ impl PhotonFrame {
         let is_rebuild = self.pending && self.fresh;
         if is_rebuild {
             self.count_anew(gpu)?;
-            self.map.arrange(gpu, &self.scene.lights, &light_ids(&self.source))?;
+            self.map.arrange(gpu, &self.scene.lights, &light_ids(&self.source), true)?;
             self.segments.look(&self.source, &self.scene)?;
             self.map.respecialise(gpu, &self.scene)?;
             self.field.respecialise(gpu, &self.scene)?;
@@ -164,7 +164,7 @@ impl PhotonFrame {
         stage.finish()?;
         for i in 0..self.map.batches.len() {
             let batch = &mut self.map.batches[i];
-            batch.is_listed = self.fresh || !is_blind || batch.relit || batch.stale;
+            batch.is_listed = self.fresh || !is_blind || batch.is_relit() || batch.stale;
             if self.fresh {
                 batch.list_all(gpu, split.shuffle)?;
             } else if batch.is_listed {
@@ -297,7 +297,10 @@ impl PhotonFrame {
             done.points_built = self.field.points_built(&done.counts);
             self.query = Query::default();
             self.field.all_seen();
-            self.map.batches.iter_mut().for_each(|b| (b.relit, b.stale) = (false, false));
+            for batch in &mut self.map.batches {
+                batch.calm();
+                batch.stale = false;
+            }
             (self.fresh, self.pending) = (false, false);
             gpu.end_update();
             self.groups.end_update();

@@ -21,7 +21,7 @@ use photogram::volume::Volume;
 pub fn gpu() -> &'static Gpu {
     static GPU: OnceLock<Gpu> = OnceLock::new();
     GPU.get_or_init(|| {
-        photogram::open(&AdapterChoice::Best)
+        pollster::block_on(photogram::open(&AdapterChoice::Best))
             .unwrap_or_else(|e| panic!("no adapter to test on: {e}"))
     })
 }

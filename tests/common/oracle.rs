@@ -91,11 +91,11 @@ impl<'a> Oracle<'a> {
     pub fn judge(&self, now: &Snapshot) -> Found {
         let mut found = Found::default();
         let mut slots = now.slots.chunks_exact(self.frame.map.max_events as usize);
-        for batch in &self.frame.map.batches {
-            let stream = self.frame.scene.lights.all[batch.light as usize].stream;
-            for photon in 0..batch.photons {
+        let lights = self.frame.scene.lights;
+        for light in &lights.all[..lights.count as usize] {
+            for photon in 0..light.photons {
                 let slots = slots.next().expect("a slot for each photon");
-                self.judge_photon([stream, batch.first_index + photon], slots, &mut found);
+                self.judge_photon([light.stream, photon], slots, &mut found);
             }
         }
         for (i, segment) in now.segments.iter().enumerate() {

@@ -39,16 +39,7 @@ pub fn difference(frame: &PhotonFrame, scene: &Scene, volume: &Volume) -> Option
 
 /// What the frame holds now.
 pub fn snapshot(gpu: &Gpu, frame: &PhotonFrame) -> Snapshot {
-    let mut slots = Vec::new();
-    for batch in &frame.map.batches {
-        let places = gpu.read::<[u32; 4]>("places", &batch.places).expect("reads");
-        let states = gpu.read::<[u32; 4]>("states", &batch.states).expect("reads");
-        let n = batch.photons as usize;
-        for p in 0..n {
-            let events = 0..frame.map.max_events as usize;
-            slots.extend(events.map(|k| [places[k * n + p], states[k * n + p]]));
-        }
-    }
+    let slots = frame.map.read(gpu).expect("reads");
     let field: Vec<[u32; 8]> = match (frame.field.points(), frame.field.fluence()) {
         (Some(points), _) => points.sorted(gpu).expect("reads"),
         (_, Some(fluence)) => {

@@ -86,24 +86,9 @@ impl Bucketed<'_> {
     }
 }
 
-/// Which batch it is, whatever becomes of it.
-#[derive(Clone, Copy, PartialEq, Eq)]
-struct BatchKey {
-    light_id: u32,
-    first_index: u32,
-    photons: u32,
-}
-
-impl BatchKey {
-    fn of(batch: &Batch) -> Self {
-        let Batch { light_id, first_index, photons, .. } = *batch;
-        Self { light_id, first_index, photons }
-    }
-}
-
 /// A photon batch whose points a table has.
 pub(super) struct Member {
-    key: BatchKey,
+    number: u32,
     /// Its slots, empty ones included, among those of the table; they begin with a word of marks.
     pub slots: Range<u32>,
     /// Its points are in the table.
@@ -112,7 +97,7 @@ pub(super) struct Member {
 
 impl Member {
     fn is(&self, batch: &Batch) -> bool {
-        self.key == BatchKey::of(batch)
+        self.number == batch.number
     }
 
     /// Its batch, unless that is gone.
@@ -174,8 +159,8 @@ impl Table {
         let fits = begin.checked_add(slots).is_some_and(|end| end <= most);
         if fits {
             let slots = begin..begin + slots;
-            let key = BatchKey::of(batch);
-            self.members.insert(at, Member { key, slots, entered: false });
+            let number = batch.number;
+            self.members.insert(at, Member { number, slots, entered: false });
         }
         fits
     }
