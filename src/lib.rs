@@ -48,6 +48,7 @@ pub mod files;
 pub mod film;
 pub mod gpu;
 pub mod history;
+pub mod irradiance;
 pub mod kernels;
 pub mod measure;
 pub mod photon;

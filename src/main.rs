@@ -8,7 +8,7 @@ use std::process::ExitCode;
 use anyhow::{Result, anyhow, ensure};
 use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use photogram::gpu::AdapterChoice;
-use photogram::scene::{Estimator, Method, Scale, Scene, Settings, VolumeSource, Weighting};
+use photogram::scene::{Cache, Estimator, Method, Scale, Scene, Settings, VolumeSource, Weighting};
 use photogram::volume::phantom::Phantom;
 use photogram::volume::{self, Volume};
 
@@ -81,15 +81,21 @@ struct RenderArgs {
     scene: SceneArgs,
     #[command(flatten)]
     changes: Changes,
-    /// photon-map, mcvr or reference
+    /// photon-map, irradiance-cache, mcvr or reference
     #[arg(long)]
     method: Option<Method>,
     /// Rays a pixel
     #[arg(long, allow_negative_numbers = true)]
     rays: Option<u32>,
-    /// Samples a pixel of `reference` and `mcvr`
-    #[arg(long, allow_negative_numbers = true)]
+    /// Samples a pixel of `reference` and `mcvr`, passes of `irradiance-cache`
+    #[arg(long, visible_alias = "passes", allow_negative_numbers = true)]
     samples: Option<u32>,
+    /// Passes of `irradiance-cache` for so long, s, in place of a number of them
+    #[arg(long, conflicts_with = "samples", value_parser = seconds)]
+    time: Option<std::time::Duration>,
+    /// Where `irradiance-cache` has light from beside samples: grid or none
+    #[arg(long)]
+    cache: Option<Cache>,
     /// Output image, .exr or .png
     #[arg(short, long)]
     out: PathBuf,
@@ -192,6 +198,12 @@ struct SceneArgs {
     /// Writes adapter, times, counts and bytes there; `-` is standard output
     #[arg(long)]
     json: Option<PathBuf>,
+}
+
+fn seconds(text: &str) -> std::result::Result<std::time::Duration, String> {
+    let seconds = text.parse::<f64>().ok().filter(|s| *s > 0.0);
+    let duration = seconds.and_then(|s| std::time::Duration::try_from_secs_f64(s).ok());
+    duration.ok_or_else(|| format!("`{text}` is no time: write seconds, such as 2.5"))
 }
 
 fn image_size(text: &str) -> std::result::Result<(u32, u32), String> {

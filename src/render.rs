@@ -1,16 +1,18 @@
 //! One frame, from scene to image: one function, one line a stage.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use crate::device_scene::DeviceScene;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::film::Image;
 use crate::gpu::clock::{Timing, milliseconds};
 use crate::gpu::counter::Counters;
 use crate::gpu::{Gpu, Progress};
+use crate::irradiance::grid::Cells;
+use crate::irradiance::{IrradianceCache, Until};
 use crate::photon::SLOT_BYTES;
 use crate::reference::{Estimate, Reference};
-use crate::scene::{Method, Scene};
+use crate::scene::{Cache, Method, Scene};
 use crate::split::Split;
 use crate::update::PhotonFrame;
 use crate::volume::Volume;
@@ -52,6 +54,8 @@ pub struct Report {
     pub segment_bytes: u64,
     /// Bytes of each buffer.
     pub bytes: Vec<(&'static str, u64)>,
+    /// Cells of the irradiance cache.
+    pub cells: Option<Cells>,
     /// Time in each kernel.
     pub stages: Vec<Timing>,
     /// Wall-clock time from upload to image, ms.
@@ -79,6 +83,24 @@ pub fn render(
     split: &Split,
     progress: &mut Progress,
 ) -> Result<Rendered> {
+    render_for(gpu, scene, volume, split, None, progress)
+}
+
+/// The same; for so long, if a time is given and the method goes on as long as one likes.
+///
+/// # Errors
+/// As [`render`]; or the method does not go on.
+pub fn render_for(
+    gpu: &Gpu,
+    scene: &Scene,
+    volume: &Volume,
+    split: &Split,
+    time: Option<Duration>,
+    progress: &mut Progress,
+) -> Result<Rendered> {
+    if time.is_some() && scene.settings.method != Method::IrradianceCache {
+        return Err(Error::setting("a time is for `method = \"irradiance-cache\"` alone"));
+    }
     let begun = Instant::now();
     gpu.take_timings()?;
     let device = DeviceScene::new(gpu, scene, volume)?;
@@ -100,10 +122,24 @@ pub fn render(
         slot_bytes: SLOT_BYTES,
         segment_bytes: 0,
         bytes: device.bytes(),
+        cells: None,
         stages: Vec::new(),
         total_ms: 0.0,
     };
-    let (image, error) = if scene.settings.method == Method::PhotonMap {
+    let (image, error) = if scene.settings.method == Method::IrradianceCache {
+        let mut cache = IrradianceCache::new(gpu, scene, device)?;
+        let until = time.map_or(Until::Passes(scene.settings.samples), Until::Time);
+        cache.run(gpu, until, progress)?;
+        let images = cache.images(gpu)?;
+        report.method = "irradiance-cache";
+        report.rays = cache.passes();
+        report.counts = cache.counts(gpu)?;
+        report.cells = cache.cells(gpu)?;
+        report.bytes.extend(cache.bytes());
+        // That of samples, where the cache is not blended in.
+        let error = (scene.settings.cache == Cache::None).then_some(images.error);
+        (images.blended, error)
+    } else if scene.settings.method == Method::PhotonMap {
         let mut frame = PhotonFrame::new(gpu, scene, device, split)?;
         frame.rebuild(gpu, split, progress)?;
         fill(&frame, gpu, &mut report)?;

@@ -9,6 +9,9 @@ const FOR_SCATTER: u32 = 0x30u;
 const FOR_CAMERA: u32 = 0x40u;
 const FOR_PATH: u32 = 0x50u;
 const FOR_LIGHT: u32 = 0x60u;
+const FOR_CACHE_RAY: u32 = 0x70u;
+const FOR_CACHE_LIGHT: u32 = 0x71u;
+const FOR_CACHE_CELL: u32 = 0x80u;
 
 // Jarzynski and Olano, "Hash Functions for GPU Rendering", JCGT 9(3), 2020.
 fn pcg4d(key: vec4<u32>) -> vec4<u32> {

@@ -115,7 +115,7 @@ pub fn notes(scene: &Scene, adapter: &str, photons: u64) -> Notes {
     let settings = &scene.settings;
     let rays = match settings.method {
         Method::PhotonMap => settings.rays,
-        Method::Mcvr | Method::Reference => settings.samples,
+        Method::Mcvr | Method::Reference | Method::IrradianceCache => settings.samples,
     };
     let provenance = [
         of("program", concat!("photogram ", env!("CARGO_PKG_VERSION")).to_owned()),

@@ -6,7 +6,7 @@ use anyhow::Result;
 use comfy_table::{Table, presets};
 use photogram::film::Format;
 use photogram::gpu::AdapterChoice;
-use photogram::render::{Rendered, render};
+use photogram::render::{Rendered, render_for};
 use photogram::split::Split;
 
 use super::{
@@ -21,6 +21,7 @@ pub fn run_render(adapter: &AdapterChoice, args: &RenderArgs) -> Result<()> {
     let prepared = prepare(&args.scene, &written, &args.changes, |settings| {
         settings.method = args.method.unwrap_or(settings.method);
         settings.rays = args.rays.unwrap_or(settings.rays);
+        settings.cache = args.cache.unwrap_or(settings.cache);
         settings.samples = args.samples.unwrap_or(settings.samples);
     })?;
     let Prepared { mut scene, volume, edits, told } = prepared;
@@ -31,7 +32,9 @@ pub fn run_render(adapter: &AdapterChoice, args: &RenderArgs) -> Result<()> {
     warn_of_materials([&scene], &volume);
     let gpu = pollster::block_on(photogram::open(adapter))?;
     let rendered =
-        with_progress(|progress| render(&gpu, &scene, &volume, &Split::default(), progress))?;
+        with_progress(|progress| {
+            render_for(&gpu, &scene, &volume, &Split::default(), args.time, progress)
+        })?;
     let report = &rendered.report;
     let notes = notes(&scene, &report.adapter, report.photons);
     make_folder(&args.out)?;
@@ -62,6 +65,13 @@ fn summary(rendered: &Rendered) -> String {
         );
         let _ =
             writeln!(text, "{} bytes a photon slot, {} a segment", r.slot_bytes, r.segment_bytes);
+    }
+    if let Some(cells) = &r.cells {
+        let levels = cells.by_level.iter().map(u64::to_string).collect::<Vec<_>>().join(", ");
+        let _ = writeln!(text, "{} passes; cells, coarse to fine: {levels}", r.rays);
+        if cells.refused > 0 {
+            let _ = writeln!(text, "the cache is full: raise `cache_mib`");
+        }
     }
     let bytes = r.bytes.iter().map(|(name, n)| format!("{name} {:.1}", *n as f64 / 1048576.0));
     let _ = writeln!(text, "MiB: {}", bytes.collect::<Vec<_>>().join(", "));

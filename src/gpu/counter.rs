@@ -113,6 +113,10 @@ pub enum Choice {
     Seen,
     /// Those of them that changed.
     Moved,
+    /// Cells of the irradiance cache.
+    Cells,
+    /// Samples that it had no room for.
+    Refused,
 }
 
 /// Words of choices.
@@ -180,9 +184,17 @@ impl CounterBuffer {
     /// # Errors
     /// The device failed.
     pub fn is_chosen(&self, gpu: &Gpu, choice: Choice) -> Result<bool> {
+        Ok(self.sum(gpu, choice)? != 0)
+    }
+
+    /// A sum among the choices.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn sum(&self, gpu: &Gpu, choice: Choice) -> Result<u64> {
         let at = COUNTER_WORDS as u64 + choice as u64;
         let word = Words { buffer: self.counters.clone(), range: at..at + 1 };
-        Ok(gpu.read_words("choices", &[word])? != [0])
+        Ok(gpu.read_words("choices", &[word])?.iter().map(|&word| u64::from(word)).sum())
     }
 
     /// Notes what they are, before work that may have to be done again.

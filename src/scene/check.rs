@@ -174,6 +174,9 @@ impl Settings {
         if let Some(events) = self.reference_events {
             count("reference_events", events.into(), 1, max)?;
         }
+        let chance = self.least_chance;
+        scalar("least_chance", chance, up_to_one(chance), "it must be in (0, 1]")?;
+        positive("cache_mib", Some(self.cache_mib), "in MiB")?;
         positive("flux_unit", self.flux_unit, "in W")
     }
 }

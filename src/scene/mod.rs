@@ -100,6 +100,8 @@ named!(Filter, "filter");
 named!(Method, "method");
 named!(Estimator, "estimator");
 named!(Weighting, "weighting");
+named!(Cache, "cache");
+named!(Shadows, "kind of shadow rays");
 named!(Spatial, "spatial test");
 named!(Scale, "scale");
 named!(Curve, "curve");
@@ -199,6 +201,8 @@ pub enum Method {
     PhotonMap,
     /// Monte-Carlo ray casting: single scattering.
     Mcvr,
+    /// The same with light from a cache that learns while it renders.
+    IrradianceCache,
     /// The unbiased path tracer, all orders.
     Reference,
 }
@@ -247,6 +251,28 @@ pub enum Spatial {
     Off,
 }
 
+/// Where single scattering has its light from, beside samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::Display, strum::VariantArray)]
+#[strum(serialize_all = "kebab-case")]
+pub enum Cache {
+    /// A grid that learns from the light samples.
+    Grid,
+    /// Nowhere: plain Monte-Carlo ray casting.
+    None,
+}
+
+/// Which shadow rays an event casts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::Display, strum::VariantArray)]
+#[strum(serialize_all = "kebab-case")]
+pub enum Shadows {
+    /// One, to a light chosen by how much it may count; ratio tracking.
+    One,
+    /// One to each light; ratio tracking.
+    All,
+    /// One, to any light; delta tracking. As the irradiance cache's paper has it.
+    Evenly,
+}
+
 /// How the scene is computed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
@@ -280,7 +306,8 @@ pub struct Settings {
     pub range: Option<[f64; 2]>,
     /// View rays a pixel of a final picture, >= 1.
     pub rays: u32,
-    /// Samples a pixel of the reference and of Monte-Carlo ray casting, >= 1.
+    /// Samples a pixel of the reference and of Monte-Carlo ray casting; passes of the irradiance cache;
+    /// >= 1.
     pub samples: u32,
     /// Scattering orders of the reference, >= 1; `None`: all.
     pub reference_events: Option<u32>,
@@ -295,6 +322,16 @@ pub struct Settings {
     pub history: bool,
     /// Which segments an update recomputes because light changed.
     pub spatial: Spatial,
+    /// Where single scattering has its light from.
+    pub cache: Cache,
+    /// Whether every tentative collision of a view ray asks the cache, not only the real one.
+    pub gather: bool,
+    /// Which shadow rays an event casts, with or without a cache.
+    pub shadows: Shadows,
+    /// The least chance of a light sample where the cache is sure, in (0, 1].
+    pub least_chance: f64,
+    /// Memory of the cache, MiB, > 0; as much as a binding holds, at most.
+    pub cache_mib: f64,
 }
 
 impl Default for Settings {
@@ -321,6 +358,11 @@ impl Default for Settings {
             skip_empty: true,
             history: true,
             spatial: Spatial::Exact,
+            cache: Cache::Grid,
+            gather: true,
+            shadows: Shadows::One,
+            least_chance: 0.25,
+            cache_mib: 64.0,
         }
     }
 }

@@ -190,6 +190,11 @@ fn settings(s: &Section) -> Result<Settings> {
         "skip_empty",
         "history",
         "spatial",
+        "cache",
+        "gather",
+        "shadows",
+        "least_chance",
+        "cache_mib",
     ])?;
     let mut v = Settings::default();
     set(&mut v.method, s.choice("method")?);
@@ -213,6 +218,11 @@ fn settings(s: &Section) -> Result<Settings> {
     set(&mut v.skip_empty, s.flag("skip_empty")?);
     set(&mut v.history, s.flag("history")?);
     set(&mut v.spatial, s.choice("spatial")?);
+    set(&mut v.cache, s.choice("cache")?);
+    set(&mut v.gather, s.flag("gather")?);
+    set(&mut v.shadows, s.choice("shadows")?);
+    set(&mut v.least_chance, s.number("least_chance")?);
+    set(&mut v.cache_mib, s.number("cache_mib")?);
     s.check(v.check())?;
     Ok(v)
 }

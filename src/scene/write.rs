@@ -147,6 +147,11 @@ impl Writer {
         self.put("skip_empty", s.skip_empty);
         self.put("history", s.history);
         self.put("spatial", s.spatial.to_string());
+        self.put("cache", s.cache.to_string());
+        self.put("gather", s.gather);
+        self.put("shadows", s.shadows.to_string());
+        self.put("least_chance", s.least_chance);
+        self.put("cache_mib", s.cache_mib);
     }
 
     /// Beyond what a TOML value holds in Rust, not beyond what the reader takes.
