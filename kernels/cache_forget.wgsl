@@ -1,5 +1,7 @@
 // After an edit that may change the light, cells that have learned from many samples count as having it from
-// few: they soon learn the new light, and are better than nothing meanwhile. A thread for each slot.
+// few: they soon learn the new light, and are better than nothing meanwhile. (As few as a mean is used
+// from: with half of that nothing is known at first, and the first frames gain nothing.) A thread for
+// each slot.
 
 import package::constants::GROUP;
 import package::shared::cache::CacheParams;
@@ -8,7 +10,7 @@ import package::shared::item::item_index;
 import package::shared::sum64::{rounded_wide, sum_to_float};
 
 // Samples that remain of any.
-const KEPT: u32 = 4u;
+const KEPT: u32 = 8u;
 
 @group(0) @binding(8) var<uniform> params: CacheParams;
 @group(0) @binding(9) var<storage, read_write> table: array<u32>;

@@ -125,16 +125,7 @@ const KERNELS: &[(&str, &[&str])] = &[
     ),
     (
         "cache_light",
-        &[
-            "nearest",
-            "squares",
-            "float_voxels",
-            "history",
-            "grid",
-            "all_lights",
-            "evenly",
-            "ratio",
-        ],
+        &["nearest", "squares", "float_voxels", "history", "grid", "all_lights", "evenly", "ratio"],
     ),
     ("cache_pool", &[]),
     ("cache_image", &[]),

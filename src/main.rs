@@ -127,7 +127,7 @@ struct BenchArgs {
     /// Runs of each measurement, of which the median counts
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..))]
     runs: u16,
-    /// Where scans are: `steps` also takes aorta_ct.nii.gz, if it is there
+    /// Where scans are: `steps` also takes aorta_ct.nii.gz, `table2` bonsai.nrrd, if it is there
     #[arg(long, default_value = "scans")]
     scans: PathBuf,
     /// Where CSV, JSON and SVG files go
@@ -152,6 +152,8 @@ enum What {
     Bins,
     /// Points taken anew or merged, over how many moved
     Merging,
+    /// The irradiance cache beside plain ray casting: the second paper's table 2
+    Table2,
     /// Error and time of both light fields over the march step
     Steps,
 }

@@ -11,7 +11,7 @@ const PROBES: u32 = 64u;
 // Samples from which on a cell's mean is used; up to which finer cells are not asked for; and from which
 // on a cell has learned enough.
 const LEAST: u32 = 8u;
-const ENOUGH: u32 = 64u;
+const ENOUGH: u32 = 24u;
 const LEARNED: u32 = 4096u;
 
 // The key of the cell of a level where a point lies, moved by less than half of an edge along each axis.

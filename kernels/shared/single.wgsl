@@ -49,7 +49,7 @@ fn reach(origin: vec3<f32>, direction: vec3<f32>, away: f32) -> Reached {
                 over = t >= t_out;
                 if over { break; }
                 let extinction = optics_of(entry_at(origin + direction * t)).extinction;
-                @if(ratio) {
+                @if(!evenly) {
                     result.passed *= 1.0 - extinction / majorant;
                     // A roulette ends what hardly counts.
                     if result.passed < 0.1 {
@@ -57,7 +57,7 @@ fn reach(origin: vec3<f32>, direction: vec3<f32>, away: f32) -> Reached {
                         else { result.passed = 0.5; }
                     }
                 }
-                @if(!ratio) {
+                @if(evenly) {
                     if unit(words.y) * majorant < extinction { result.passed = 0.0; }
                 }
                 over = result.passed == 0.0;

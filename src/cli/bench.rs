@@ -33,6 +33,7 @@ pub fn run_bench(adapter: &AdapterChoice, args: &BenchArgs) -> Result<()> {
         What::Overhead => measure::overhead::run(&gpu, effort, progress),
         What::Bins => measure::bins::run(&gpu, effort, progress),
         What::Merging => measure::merging::run(&gpu, effort, progress),
+        What::Table2 => measure::table2::run(&gpu, effort, &args.scans, progress),
         What::Steps => measure::steps::run(&gpu, effort, &args.scans, progress),
     })?;
     say(format_args!(

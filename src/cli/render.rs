@@ -31,10 +31,9 @@ pub fn run_render(adapter: &AdapterChoice, args: &RenderArgs) -> Result<()> {
     scene.check_against(&volume)?;
     warn_of_materials([&scene], &volume);
     let gpu = pollster::block_on(photogram::open(adapter))?;
-    let rendered =
-        with_progress(|progress| {
-            render_for(&gpu, &scene, &volume, &Split::default(), args.time, progress)
-        })?;
+    let rendered = with_progress(|progress| {
+        render_for(&gpu, &scene, &volume, &Split::default(), args.time, progress)
+    })?;
     let report = &rendered.report;
     let notes = notes(&scene, &report.adapter, report.photons);
     make_folder(&args.out)?;

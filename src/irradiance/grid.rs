@@ -33,7 +33,9 @@ pub struct Cells {
     pub samples: Vec<u64>,
     /// Slots of the table.
     pub slots: u64,
-    /// Samples that found no room.
+    /// Cells that were made.
+    pub made: u64,
+    /// Samples that found no room in a cell of a level.
     pub refused: u64,
 }
 
@@ -85,20 +87,23 @@ impl Grid {
         }
     }
 
-    pub(super) fn cells(&self, gpu: &Gpu, refused: u64) -> Result<Cells> {
+    pub(super) fn level_of(&self, key: u32) -> Option<u32> {
+        let place = u64::from(key.checked_sub(1)?);
+        let coarse = self.size.iter().map(|&n| u64::from(n)).product::<u64>();
+        (0..self.levels).find(|level| place < coarse * ((1_u64 << (3 * (level + 1))) - 1) / 7)
+    }
+
+    pub(super) fn cells(&self, gpu: &Gpu) -> Result<Cells> {
         let words = gpu.read::<u32>("irradiance cache", &self.table)?;
         let levels = self.levels as usize;
         let mut cells = Cells {
             by_level: vec![0; levels],
             samples: vec![0; levels],
             slots: self.slots.into(),
-            refused,
+            ..Default::default()
         };
-        let coarse = self.size.iter().map(|&n| u64::from(n)).product::<u64>();
         for slot in words.chunks_exact(SLOT_WORDS as usize).filter(|slot| slot[0] != 0) {
-            let place = u64::from(slot[0] - 1);
-            let is_below = |level: &u32| place < coarse * ((1_u64 << (3 * (level + 1))) - 1) / 7;
-            let level = (0..self.levels).find(is_below).unwrap_or_default() as usize;
+            let level = self.level_of(slot[0]).unwrap_or_default() as usize;
             cells.by_level[level] += 1;
             cells.samples[level] += u64::from(slot[1]);
         }

@@ -411,8 +411,23 @@ impl IrradianceCache {
     /// # Errors
     /// The device failed.
     pub fn cells(&self, gpu: &Gpu) -> Result<Option<Cells>> {
-        let refused = self.counters.sum(gpu, Choice::Refused)?;
-        self.grid.as_ref().map(|grid| grid.cells(gpu, refused)).transpose()
+        let Some(grid) = &self.grid else { return Ok(None) };
+        let counted = [Choice::Cells, Choice::Refused].map(|sum| self.counters.sum(gpu, sum));
+        let [made, refused] = counted;
+        Ok(Some(Cells { made: made?, refused: refused?, ..grid.cells(gpu)? }))
+    }
+
+    /// The slots of the hash table, [`grid::SLOT_WORDS`] words each; `None` without a grid.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn table(&self, gpu: &Gpu) -> Result<Option<Vec<u32>>> {
+        self.grid.as_ref().map(|grid| gpu.read("irradiance cache", &grid.table)).transpose()
+    }
+
+    /// The level of the cell that has a key, from the coarsest on.
+    pub fn level_of(&self, key: u32) -> Option<u32> {
+        self.grid.as_ref().and_then(|grid| grid.level_of(key))
     }
 
     /// Takes an edited scene: materials, lights, camera and background may differ. Pixels whose samples
@@ -448,7 +463,8 @@ impl IrradianceCache {
         let extinction = CHANGE_RISEN | CHANGE_FALLEN;
         let dims = query.mask(extinction, &bins) != 0;
         let relit = lights != self.scene.lights;
-        let moved = scene.camera != self.source.camera || scene.background != self.source.background;
+        let moved =
+            scene.camera != self.source.camera || scene.background != self.source.background;
         self.scene.edit(gpu, table, lights, &query)?;
         self.source = scene.clone();
         self.look()?;
@@ -508,7 +524,6 @@ fn kernels(gpu: &Gpu, scene: &Scene, device: &DeviceScene) -> Result<[Arc<Kernel
         ("gather", settings.cache == Cache::Grid && settings.gather),
         ("all_lights", settings.shadows == Shadows::All),
         ("evenly", settings.shadows == Shadows::Evenly),
-        ("ratio", settings.shadows != Shadows::Evenly),
     ];
     flags.extend(more.iter().filter(|(_, on)| *on).map(|(flag, _)| *flag));
     Ok([gpu.kernel("cache_rays", &flags)?, gpu.kernel("cache_light", &flags)?])

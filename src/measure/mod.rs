@@ -14,6 +14,8 @@ mod runs;
 pub mod steps;
 pub mod sweeps;
 pub mod table1;
+pub mod table2;
+mod truth;
 pub mod visits;
 
 use crate::error::Result;
@@ -24,6 +26,7 @@ pub use edits::{
     rebuild, update,
 };
 pub use report::{Chart, Report, Series, Sheet};
+use truth::Truth;
 
 /// How much is measured.
 #[derive(Clone, Copy, Debug)]

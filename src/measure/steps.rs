@@ -5,16 +5,11 @@ use std::path::Path;
 
 use serde_json::json;
 
-use super::{Chart, Effort, Report, Series, Sheet, built_in};
+use super::{Chart, Effort, Report, Series, Sheet, Truth, built_in};
 use crate::error::Result;
-use crate::film::Image;
-use crate::film::metrics::Metrics;
 use crate::gpu::{Gpu, Progress};
 use crate::measure;
-use crate::render::render;
-use crate::scene::{Estimator, Method, Scene};
-use crate::split::Split;
-use crate::volume::Volume;
+use crate::scene::Estimator;
 
 /// Steps, in smallest spacings.
 const STEPS: [f64; 5] = [2.0, 1.0, 0.5, 0.25, 0.125];
@@ -51,7 +46,7 @@ pub fn run(gpu: &Gpu, effort: Effort, scans: &Path, progress: &mut Progress) -> 
         scene.camera.height = scene.camera.height.min(PIXELS);
         let volume = scene.volume.load()?;
         scene.settle(&volume);
-        let truth = Truth::of(gpu, &scene, &volume, progress)?;
+        let truth = Truth::of(gpu, &scene, &volume, SAMPLES, progress)?;
         let mut chart = Chart {
             name: format!("steps-{}", scene.name),
             title: format!("{}: error over the march step", scene.name),
@@ -88,30 +83,4 @@ pub fn run(gpu: &Gpu, effort: Effort, scans: &Path, progress: &mut Progress) -> 
     }
     report.sheets.push(sheet);
     Ok(report)
-}
-
-/// A path-traced picture, and what its noise adds to an error.
-struct Truth {
-    image: Image,
-    noise: f64,
-}
-
-impl Truth {
-    fn of(gpu: &Gpu, scene: &Scene, volume: &Volume, progress: &mut Progress) -> Result<Self> {
-        let mut traced = scene.clone();
-        (traced.settings.method, traced.settings.samples) = (Method::Reference, SAMPLES);
-        let rendered = render(gpu, &traced, volume, &Split::default(), progress)?;
-        let image = rendered.image;
-        // What a picture that is one standard error off would have.
-        let mut off = image.clone();
-        for (pixel, error) in off.rgb.iter_mut().zip(rendered.error.iter().flat_map(|e| &e.rgb)) {
-            pixel.iter_mut().zip(error).for_each(|(value, error)| *value += error);
-        }
-        let noise = Metrics::of(&off, &image)?.rel_mse;
-        Ok(Self { image, noise })
-    }
-
-    fn error_of(&self, image: &Image) -> Result<f64> {
-        Ok(Metrics::of(image, &self.image)?.rel_mse - self.noise)
-    }
 }

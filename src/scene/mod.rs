@@ -360,7 +360,7 @@ impl Default for Settings {
             spatial: Spatial::Exact,
             cache: Cache::Grid,
             gather: true,
-            shadows: Shadows::One,
+            shadows: Shadows::All,
             least_chance: 0.25,
             cache_mib: 64.0,
         }
