@@ -111,6 +111,12 @@ struct EditArgs {
     /// The image after the last edit, one ray a pixel, .exr or .png
     #[arg(short, long)]
     out: Option<PathBuf>,
+    /// photon-map or irradiance-cache
+    #[arg(long)]
+    method: Option<Method>,
+    /// Passes of `irradiance-cache` before and after each edit
+    #[arg(long, allow_negative_numbers = true)]
+    passes: Option<u32>,
     /// Compares with a rebuild, slot by slot; `fresh`: the last image also with that of
     /// another process, which is given the final scene and nothing else
     #[arg(long, value_name = "fresh", num_args = 0..=1, default_missing_value = "process", value_parser = ["process", "fresh"])]

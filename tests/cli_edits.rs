@@ -1,6 +1,6 @@
 //! Edits from outside: what `edit` reports, checks and refuses.
 
-use photogram::film::Notes;
+use photogram::film::{Image, Notes};
 use photogram::scene::Scene;
 use place::Place;
 
@@ -160,7 +160,11 @@ remove_light = ["key"]
         (&["more.toml", "--edit", "dark", "-o", "x.jpg"], ".exr"),
         (&["more.toml", "--edit", "dark", "--edit", "thin"], "`thin`: the transfer function is"),
         (&["more.toml", "--edit", "night"], "`night`: the scene has no light"),
-        (&["mcvr.toml", "--edit", "dark"], "photon map"),
+        (&["mcvr.toml", "--edit", "dark"], "`photon-map` or `irradiance-cache`"),
+        (
+            &["more.toml", "--edit", "dark", "--method", "irradiance-cache", "--verify"],
+            "updates of the photon map",
+        ),
         (&["forgetful.toml", "--edit", "dark"], "`history` is false"),
         (&["off.toml", "--edit", "dark", "--verify", "fresh"], "stale light"),
     ] {
@@ -206,4 +210,18 @@ fn stale_light_of_the_papers_settings_is_found() {
         (&0.into(), &0.into())
     );
     assert!(row["segments"]["recomputed"].as_u64() > Some(0));
+}
+
+#[test]
+fn an_irradiance_cache_goes_on_after_edits() {
+    let place = Place::new();
+    let method = ["--method", "irradiance-cache", "--passes", "6"];
+    let more = ["--edit", "dark", "--set", "background=0.1,0.2,0.3", "--json", "edits.json"];
+    let said = place.fine(&[&["edit", "scene.toml", "-o", "a.exr"], &method[..], &more].concat());
+    assert!(said.contains("6 passes each"), "{said}");
+    let rows = place.json("edits.json");
+    assert_eq!(rows[1]["pixels"]["restarted"], rows[1]["pixels"]["total"]);
+    assert!(rows[0]["cells"]["made"].as_u64() > Some(0), "{rows}");
+    let shown = Image::read_exr(place.path("a.exr")).unwrap();
+    assert!(shown.rgb.contains(&[0.1, 0.2, 0.3]), "the background is another");
 }

@@ -72,6 +72,7 @@ fn an_exr_holds_the_scene_that_renders_to_it() {
         &["--estimator", "points", "--radius", "1.5", "--rays", "2", "--seed", "7"],
         &["--method", "reference", "--edit", "dark", "--exposure", "-1"],
         &["--method", "mcvr", "--scale", "small"],
+        &["--method", "irradiance-cache", "--passes", "9"],
     ] {
         let place = Place::new();
         place.fine(&[&["render", "scene.toml", "-o", "a.exr"], more].concat());

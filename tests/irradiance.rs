@@ -72,6 +72,8 @@ fn z(one: (&Image, &Image), other: (&Image, &Image)) -> f64 {
     (mean(one.0) - mean(other.0)) / (variance(one.1) + variance(other.1)).sqrt()
 }
 
+type Change = fn(&mut Scene);
+
 fn bits(film: &[Film]) -> Vec<u8> {
     bytemuck::cast_slice(film).to_vec()
 }
@@ -186,7 +188,7 @@ fn pixels_that_are_kept_are_those_of_a_fresh_start() {
     let (mut home, volume) = small();
     home.settings.cache = Cache::None;
     let passes = 12;
-    let edits: [(&str, fn(&mut Scene)); 5] = [
+    let edits: [(&str, Change); 5] = [
         ("colour", |scene| scene.materials[2].colour.x *= 0.3),
         ("vessel", |scene| scene.materials[1].extinction *= 0.4),
         ("denser", |scene| scene.materials[1].extinction *= 1.4),

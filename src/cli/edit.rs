@@ -13,6 +13,7 @@ use photogram::scene::{Method, Scene, Spatial};
 use photogram::split::Split;
 use photogram::update::warm;
 
+use super::edit_cache;
 use super::{
     align_right, check_places, failed, make_folder, notes, say, warn_of_materials, warnings,
     with_progress, write_json,
@@ -33,11 +34,16 @@ pub fn run_edit(adapter: &AdapterChoice, args: &EditArgs) -> Result<()> {
         );
     }
     let written = [args.out.as_deref(), json];
-    let prepared = prepare(&args.scene, &written, &args.changes, |settings| settings.rays = 1)?;
+    let prepared = prepare(&args.scene, &written, &args.changes, |settings| {
+        settings.rays = 1;
+        settings.method = args.method.unwrap_or(settings.method);
+        settings.samples = args.passes.unwrap_or(settings.samples);
+    })?;
     let Prepared { scene, volume, edits, told } = prepared;
+    let has_cache = scene.settings.method == Method::IrradianceCache;
     ensure!(
-        scene.settings.method == Method::PhotonMap,
-        "edits are updates of the photon map: `method` is another in the scene"
+        has_cache || scene.settings.method == Method::PhotonMap,
+        "edits are of `photon-map` or `irradiance-cache`: the scene's `method` is another"
     );
     ensure!(scene.settings.history, "updates ask histories: `history` is false in the scene");
     ensure!(
@@ -55,6 +61,10 @@ pub fn run_edit(adapter: &AdapterChoice, args: &EditArgs) -> Result<()> {
             "" => e.into(),
             _ => anyhow!("after edit `{edit}`: {e}"),
         })?;
+    }
+    if has_cache {
+        told.map_or(Ok(()), say)?;
+        return edit_cache::run(adapter, args, (&scenes, &edits), &volume);
     }
     warn_of_materials(&scenes, &volume);
     let gpu = pollster::block_on(photogram::open(adapter))?;

@@ -3,6 +3,7 @@
 pub mod bench;
 pub mod changes;
 pub mod edit;
+mod edit_cache;
 pub mod info;
 pub mod render;
 pub mod scene;
