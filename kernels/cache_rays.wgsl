@@ -119,6 +119,9 @@ fn look_along(pixel: u32, at: vec2<u32>) -> bool {
     var record = film[pixel];
     var collided = false;
     var tentative = 0u;
+    @if(gather) var shares = 0.0;
+    @if(gather) var picked = vec3<f32>(0.0);
+    @if(gather) var picked_entry = 0u;
     if within.y > within.x {
         var w = walk_begin(l, within.x, scene.cell_mm, scene.cells);
         var t_in = within.x;
@@ -147,24 +150,13 @@ fn look_along(pixel: u32, at: vec2<u32>) -> bool {
                         if gives { record.events |= bin_bit(bin_of(entry)); }
                     }
                     @if(grid) {
-                        // Every tentative collision counts by the chance that it had to be real, or
-                        // the real one alone.
-                        @if(gather) let asks = extinction > 0.0;
-                        @if(!gather) let asks = collided;
-                        if asks {
-                            var place = vec4(stream.xyz ^ stream.zwx, FOR_CACHE_CELL);
-                            if collided {
-                                place = draw(scene.seed, pixel, params.pass_number, FOR_CACHE_CELL);
-                            }
-                            let seen = look(point, place);
-                            let light = seen.light * material.albedo;
-                            @if(gather) { event.seen += light * (extinction / majorant); }
-                            @if(!gather) { event.seen += light; }
-                            @if(history) { record.events |= bin_bit(bin_of(entry)); }
-                            if collided {
-                                event.cached = light;
-                                event.adds = seen.adds | select(0u, 0x80000000u, seen.is_known);
-                                event.chance = seen.chance;
+                        @if(gather) {
+                            // One of the tentative collisions, by the chance that it had to be real.
+                            let share = extinction / majorant;
+                            shares += share;
+                            if unit(words.z) * shares < share {
+                                picked = point;
+                                picked_entry = entry;
                             }
                         }
                     }
@@ -183,6 +175,27 @@ fn look_along(pixel: u32, at: vec2<u32>) -> bool {
             if arrived { break; }
         }
         expect(arrived);
+    }
+    // The cache is asked here, where threads side by side do so at once: to ask it at every tentative
+    // collision took as long as all else. Half of what is seen comes from the event, half from the one
+    // tentative collision, which counts for all of them.
+    @if(grid) {
+        if collided {
+            let place = draw(scene.seed, pixel, params.pass_number, FOR_CACHE_CELL);
+            let seen = look(event.place, place);
+            event.cached = seen.light * shading[event.entry].albedo;
+            event.adds = seen.adds | select(0u, 0x80000000u, seen.is_known);
+            event.chance = seen.chance;
+            @if(!gather) { event.seen += event.cached; }
+            @if(gather) { event.seen += 0.5 * event.cached; }
+        }
+        @if(gather) {
+            if shares > 0.0 {
+                let seen = look(picked, vec4(stream.xyz ^ stream.zwx, FOR_CACHE_CELL));
+                event.seen += (0.5 * shares) * seen.light * shading[picked_entry].albedo;
+                @if(history) { record.events |= bin_bit(bin_of(picked_entry)); }
+            }
+        }
     }
     if collided {
         events[pixel] = event;

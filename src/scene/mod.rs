@@ -324,7 +324,7 @@ pub struct Settings {
     pub spatial: Spatial,
     /// Where single scattering has its light from.
     pub cache: Cache,
-    /// Whether every tentative collision of a view ray asks the cache, not only the real one.
+    /// Whether one of the tentative collisions of a view ray asks the cache, beside the real one.
     pub gather: bool,
     /// Which shadow rays an event casts, with or without a cache.
     pub shadows: Shadows,
