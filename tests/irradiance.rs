@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use common::world::world;
 use common::{gpu, truth_image, truth_scene};
+use glam::{DMat3, DVec3};
 use photogram::device_scene::DeviceScene;
 use photogram::film::Image;
 use photogram::film::metrics::Metrics;
@@ -99,6 +100,83 @@ fn samples_are_right_on_average_whatever_the_cache_has() {
                 assert_eq!(known > 100, cache == Cache::Grid, "{what}: {known} cells");
             }
         }
+    }
+}
+
+/// Where the cache is sure, light samples are taken now and then, and make up for those that are not.
+#[test]
+fn samples_that_are_left_out_are_made_up_for() {
+    let (mut scene, volume) = small();
+    scene.camera.fov_deg *= 0.05;
+    let (truth, noise) = reference(&scene, &volume, 1000);
+    let taken = [1.0, 0.25].map(|least| {
+        scene.settings.least_chance = least;
+        let run = after(gpu(), &scene, &volume, 200);
+        let images = run.images(gpu()).expect("reads");
+        let z = z((&images.samples, &images.error), (&truth, &noise));
+        assert!(z.abs() < 4.0, "least chance {least}: {z} standard errors from the reference");
+        run.counts(gpu()).expect("reads").samples
+    });
+    assert!(taken[1] < taken[0] / 2, "{taken:?}");
+}
+
+/// A blocker that no pixel sees, between lamp and floor: shadow rays alone know of it.
+#[test]
+fn edits_that_shadow_rays_alone_meet_are_heard_of() {
+    const TEXT: &str = r#"
+name = "floor"
+[volume]
+phantom = "hand"
+[camera]
+origin = [16, -40, 5]
+target = [16, 16, 3.5]
+fov_deg = 2
+width = 16
+height = 16
+[[light]]
+kind = "point"
+name = "lamp"
+position = [16, 16, 100]
+intensity = 4000
+[[material]]
+name = "floor"
+window = [50, 150]
+extinction = 1
+albedo = 0.8
+[[material]]
+name = "blocker"
+window = [150, 250]
+extinction = 0.05
+albedo = 0.8
+[settings]
+method = "irradiance-cache"
+cache = "none"
+"#;
+    let value = |i: u32| match i / (32 * 32) {
+        0..4 => 100,
+        24..28 => 200,
+        _ => 0_u16,
+    };
+    let volume = Volume::new(
+        [32; 3],
+        DVec3::ONE,
+        DMat3::IDENTITY,
+        DVec3::ZERO,
+        (0..32 * 32 * 32).map(value).collect::<Vec<u16>>(),
+    )
+    .expect("a sound volume");
+    let mut home = Scene::parse(TEXT, "floor.toml").expect("it reads");
+    home.filter = Filter::Nearest;
+    home.settle(&volume);
+    let mut edited = home.clone();
+    edited.materials[1].extinction = 0.2;
+    let mut run = after(gpu(), &home, &volume, 12);
+    let lit = run.film(gpu()).expect("reads").iter().filter(|f| f.mean != [0.0; 3]).count();
+    let touched = run.edit(gpu(), &edited).expect("applies");
+    assert!(lit > 100 && touched.restarted >= lit as u64, "{lit} are lit, {touched:?}");
+    let fresh = after(gpu(), &edited, &volume, 12).film(gpu()).expect("reads");
+    for (now, fresh) in run.film(gpu()).expect("reads").iter().zip(&fresh) {
+        assert!(now.passes == 0 || now.mean == fresh.mean, "{now:?}, fresh {fresh:?}");
     }
 }
 
